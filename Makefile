@@ -17,6 +17,11 @@ CREATE := $(PYTHON) -m venv $(VENV)
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
 endif
 
+# Snakemake runs no Python whose path has a space.
+ifneq ($(words $(CURDIR)),1)
+$(error "$(CURDIR)" has a space, with which Snakemake runs no job: move the project to another folder)
+endif
+
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 
 .PHONY: all test quick lint verify bench docs schemas slurm clean lock environment
@@ -67,7 +72,7 @@ $(STAMP): requirements.lock pyproject.toml
 
 # Resolve again, without any package index address in the result.
 lock:
-	uv pip compile $(COMPILE) --extra dev --extra docs --extra crate pyproject.toml -o requirements.lock
+	uv pip compile $(COMPILE) --extra dev --extra docs pyproject.toml -o requirements.lock
 	uv pip compile $(COMPILE) --extra slurm --constraint requirements.lock pyproject.toml -o requirements-slurm.lock
 
 # Everything that can be regenerated; the environment stays.

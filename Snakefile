@@ -3,10 +3,12 @@
 import sys
 from pathlib import Path
 
+from marsedl.replication.command_line import check_python
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import pin_numerics
 
 try:
+    check_python(sys.executable)
     pin_numerics(Path(workflow.current_basedir))
 except MarsedlError as error:
     sys.exit(f"\nmarsedl: {error}\n")
@@ -45,14 +47,6 @@ rule all:
 
 # After all rules, whose names a user may ask for.
 try:
-    command_line.check_request(
-        sys.argv[1:],
-        size=SIZE,
-        papers=PAPERS,
-        studies=STUDIES,
-        comparisons=COMPARISONS,
-        rules=[rule.name for rule in workflow.rules],
-        root=Path.cwd(),
-    )
+    command_line.check_targets(WORDS, [rule.name for rule in workflow.rules], SHARED, STUDIES, COMPARISONS)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")

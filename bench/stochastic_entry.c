@@ -9,7 +9,7 @@ enum { CROSSRANGE = 5, BANK_COSINE, HISTORY };
 enum { END_TIME = 6, REVERSALS, NEGATIVE_DENSITIES, FINAL };
 enum { SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR, AERO };
 enum { NOMINAL, BY_VELOCITY, BY_TIME };
-enum { CORRECTED, SIGN_ONLY, PRINTED };
+enum { CORRECTED, PRINTED };
 
 typedef struct { /* the record `settings` */
     double gravitational_parameter, rotation_rate, planet_radius, target_longitude, sin_target_latitude;

@@ -1,10 +1,9 @@
-"""A built copy of the project for the tests of the pipeline: built once in a session, restored for every test.
+"""Built copies of the project for the tests of the pipeline, restored for every test.
 
-Builds take most of the time of a session. They run in the background: the smoke builds from its start, then the
-full-size build. The tests that need none come first, then those of the smoke builds, last those of the full size. Where
-tests are distributed (`pytest -n 3 --dist loadgroup`), one process waits for the builds and has the tests that run jobs
-in them, and another one, last, those that read a copy of the build or plan in it. The tests of a paper share a process
-too, and so do those of a file. Nothing is built if no selected test needs it.
+The smoke build is made once for a state of source and inputs and kept in `.cache/smoke`; every process of a run works
+in a copy of it. What is not about the five papers uses a small project with two papers from the templates, in which
+Snakemake starts in a second. All of them share compiled kernels, in `.cache/numba`. Where tests are distributed
+(`pytest -n 3 --dist loadgroup`), one process makes the smoke build and the others begin with what needs none.
 """
 
 import os
@@ -13,13 +12,14 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported; threads wo
 os.environ.pop("COLUMNS", None)  # xdist says how wide its terminal is; what a test captures is no terminal
 
 import contextlib
+import fcntl
+import hashlib
 import json
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,15 +28,24 @@ import yaml
 from hypothesis import settings
 
 from marsedl.papers import SLUGS, input_model
+from marsedl.replication import kernels
+from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.digests import digest
+from marsedl.replication.scaffold import new_paper
 from marsedl.replication.sizes import build_folder, size_of
-from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
+from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemake
 
 # The same examples in every run, so that chance decides nothing; `pytest --hypothesis-profile=default` draws new ones.
 settings.register_profile("repeatable", derandomize=True, database=None)
 settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
+# Kernels are compiled once for these processes and all jobs. Threads are not pinned here: some tests count them.
+os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(ROOT, remembered_digests(ROOT).kernels()))
+os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
+if features := kernels.vector_features():
+    os.environ["NUMBA_CPU_FEATURES"] = features
+GLIDE, HOP = "hypersonic_glide", "short_hop"  # of the small project: with Monte Carlo and without
 BUILD = Path(__file__).parent / "workflow" / "build.py"
 OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
@@ -44,15 +53,8 @@ _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restor
 
 def paper_of(name: str) -> str:
     """The paper that a rule or a file is named after; none for those of all papers."""
-    parts = name.split("/")
-    return next((slug for part in parts for slug in SLUGS if re.match(rf"{slug}([_.]|$)", part)), "")
-
-
-def _short(rule: str) -> str:
-    """The name of a rule without its paper; all rules of tables are "table", those of several cases "montecarlo"."""
-    name = rule.removeprefix(f"{paper_of(rule)}_")
-    name = re.sub(r"^flights(_\d+)?$", "montecarlo", name)
-    return "table" if name.startswith("table_") else name
+    parts, papers = name.split("/"), (*SLUGS, GLIDE, HOP)
+    return next((slug for part in parts for slug in papers if re.match(rf"{slug}([_.]|$)", part)), "")
 
 
 def reading_text(slug: str, name: str, **values: str) -> str:
@@ -70,35 +72,24 @@ def own_reading():
     return reading_text
 
 
+def with_kernels(folder: Path) -> Path:
+    """Let jobs in a copy of the project load the kernels that are compiled already; returns the folder."""
+    (folder / ".cache").mkdir()
+    for name in ("numba", "matplotlib"):
+        (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
+        (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
+    return folder
+
+
 @dataclass
 class Plan:
     """What a dry run would do: the output files of every job, by rule."""
 
     outputs: dict[str, set[str]]
-    params_changed: set[str] = field(default_factory=set)
-
-    def of(self, slug: str) -> "Plan":
-        """The part of one paper, without what is made for all of them."""
-        mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self._of_papers().items()}
-        changed_rules = {rule for rule in self.params_changed if mine.get(rule)}
-        return Plan({rule: paths for rule, paths in mine.items() if paths}, changed_rules)
-
-    @property
-    def papers(self) -> set[str]:
-        return {paper_of(path) for paths in self._of_papers().values() for path in paths} - {""}
-
-    def _of_papers(self) -> dict[str, set[str]]:
-        """Without the report, which has a page for each paper but is made for all of them."""
-        return {rule: paths for rule, paths in self.outputs.items() if rule != "site"}
 
     @property
     def rules(self) -> set[str]:
-        return {_short(rule) for rule in self.outputs if rule != "all"}
-
-    @property
-    def changed_rules(self) -> set[str]:
-        """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
-        return {_short(rule) for rule in self.params_changed}
+        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.outputs if rule != "all"}
 
     @property
     def files(self) -> set[str]:
@@ -111,18 +102,8 @@ class Plan:
         return {name for name in cached if "/chunks/" not in name}
 
     @property
-    def stages(self) -> set[str]:
-        return {name.split("/")[1].split(".")[0] for name in self.artifacts}
-
-    @property
     def readings(self) -> set[str]:
         return {name.split("/")[0] for name in self.artifacts}
-
-    @property
-    def figures(self) -> set[str]:
-        """Names of the figures and tables, without those that the claims write."""
-        rules = [rule for rule in self.outputs if rule == "figure" or "_table_" in rule]
-        return {Path(path).stem for rule in rules for path in self.outputs[rule]}
 
 
 @dataclass
@@ -130,7 +111,7 @@ class Tree:
     """A copy of the project in which Snakemake runs."""
 
     folder: Path
-    config: list[str] = field(default_factory=lambda: ["size=smoke", "chunks=3"])
+    config: list[str] = field(default_factory=lambda: ["size=smoke"])
 
     @property
     def build(self) -> Path:
@@ -192,9 +173,7 @@ class Tree:
                 paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
                 outputs.setdefault(rule.group(1), set()).update(paths)
         assert bool(outputs) != ("Nothing to be done" in process.stdout), process.stdout[-3000:]
-        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", process.stdout)
-        names = listed.group(1).replace("\n", ",").split(",") if listed else []
-        return Plan(outputs, {name.strip() for name in names if name.strip()})
+        return Plan(outputs)
 
     def digests(self) -> dict[str, str]:
         """Digests of all products; a file of a time and size that was seen before is not read again."""
@@ -226,83 +205,11 @@ class Tree:
         return [*arguments, "--cores", "2", *configuration, *config]
 
 
-class Background:
-    """Builds beside the tests, in a process group of their own, which does not outlive them."""
-
-    def __init__(self, folder: Path, *tasks: str):
-        self.folder, self.log = folder, folder.with_name("builds.log")
-        self.copy = folder.with_name("copy")  # of the second build
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, str(BUILD), str(folder), *tasks],
-                stdin=subprocess.PIPE,  # which closes when this process ends, in whatever way
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                process_group=0,
-            )
-        unfinished = folder.with_name("process.part")  # another process may be waiting for it
-        unfinished.write_text(str(self.process.pid), encoding="ascii")
-        unfinished.rename(folder.with_name("process"))
-
-    def smoke(self) -> dict:
-        """Wait for the smoke builds; returns what was written of them."""
-        result_file = self.folder.with_name("smoke.json")
-        while not result_file.exists() and self.runs():
-            time.sleep(0.2)
-        if not result_file.exists():
-            self._fail()
-        return json.loads(result_file.read_text(encoding="utf-8"))
-
-    def runs(self) -> bool:
-        """Whether they are not at their end."""
-        return self.process.poll() is None
-
-    def wait(self) -> None:
-        """Wait for all of them."""
-        if self.process.wait():
-            self._fail()
-
-    def output(self) -> str:
-        return self.log.read_text(encoding="utf-8", errors="replace")
-
-    def kill(self) -> None:
-        if self.process.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
-        self.process.stdin.close()
-
-    def _fail(self):
-        """Fail the test that needs what could not be built."""
-        pytest.fail(f"a build failed; the end of {self.log}:\n{self.output()[-5000:]}", pytrace=False)
-
-
-class Begun(Background):
-    """The builds that another process has begun."""
-
-    def __init__(self, folder: Path):
-        self.folder, self.log, self.copy = folder, folder.with_name("builds.log"), folder.with_name("copy")
-        while not (number := folder.with_name("process")).exists():
-            time.sleep(0.2)
-        self.process = int(number.read_text(encoding="ascii"))
-
-    def runs(self) -> bool:
-        return Path(f"/proc/{self.process}").exists()
-
-    def wait(self) -> None:
-        while self.runs():
-            time.sleep(0.2)
-
-    def kill(self) -> None:
-        """They belong to the other process."""
-
-
 class Spare:
-    """A copy of a folder, from which what has changed there since is put back."""
+    """A folder and an equal copy, from which what has changed in the folder since is put back."""
 
     def __init__(self, folder: Path, copy: Path):
-        self.folder, self.copy = folder, copy
-        shutil.copytree(folder, copy)  # keeps file times, on which the compiled kernels depend
+        self.folder, self.copy, self.stamps = folder, copy, {}
         self.stamps = self._stamps()
 
     def restore(self) -> None:
@@ -331,29 +238,68 @@ class Spare:
 
 @dataclass
 class Built:
-    """Two smoke builds: what was said of them, and their products' digests and their logs."""
+    """The smoke build that the tests share: its folder, and what was said when it was built and compared."""
 
+    folder: Path
     agree: bool
     output: str
-    digests: tuple[dict[str, str], ...]
-    logs: tuple[set[str], ...]
-    spare: Spare  # of the second one
+    digests: dict[str, str]
 
 
-def needs(item, fixture: str) -> bool:
-    return fixture in getattr(item, "fixturenames", ())
+def kept_build(run: str) -> Built:
+    """Return the smoke build of this source and these inputs, which one process makes while others wait for it.
+
+    It stays in `.cache/smoke` until something of it is edited. run: names this run of pytest, in which a build that
+    failed is not tried again.
+    """
+    folder = ROOT / ".cache" / "smoke" / _digest_of_sources()
+    folder.mkdir(parents=True, exist_ok=True)
+    built, failed = folder / "built.json", folder / f"failed.{run}"
+    with (folder.parent / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not built.exists() and not failed.exists():
+            for other in folder.parent.iterdir():
+                if other.is_dir() and other != folder:
+                    shutil.rmtree(other)
+            process = subprocess.Popen(
+                [sys.executable, str(BUILD), str(folder)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                process_group=0,
+            )
+            try:
+                output = process.communicate()[0]
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            if process.returncode:
+                failed.write_text(output, encoding="utf-8")
+    if failed.exists():
+        pytest.fail(f"the smoke build failed:\n{failed.read_text(encoding='utf-8')[-5000:]}", pytrace=False)
+    said = json.loads(built.read_text(encoding="utf-8"))
+    return Built(folder / "project" / "build" / "verify" / "0", **said)
 
 
-def distributed(config) -> bool:
-    return hasattr(config, "workerinput")
+def _digest_of_sources() -> str:
+    hasher = hashlib.sha256(sys.version.encode() + (ROOT / "requirements.lock").read_bytes() + BUILD.read_bytes())
+    for name in TREE:
+        for path in sorted([ROOT / name, *(ROOT / name).rglob("*")]):
+            if path.is_file() and "__pycache__" not in path.parts:
+                hasher.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
+    return hasher.hexdigest()[:16]
+
+
+def needs(item, *fixtures: str) -> bool:
+    return any(fixture in getattr(item, "fixturenames", ()) for fixture in fixtures)
 
 
 def group(item) -> str:
-    """What shares a process where tests are distributed."""
+    """What shares a process where tests are distributed: the small project, a paper's stages, a file."""
     if needs(item, "built"):
-        return "builds"
-    if needs(item, "copied"):
-        return "copies"
+        return "build"
+    if needs(item, "small_build"):
+        return "small"
     path = item.path.relative_to(Path(__file__).parent)
     return paper_of(path.name.removeprefix("test_")) or str(path)
 
@@ -364,92 +310,93 @@ STAGES = ("pipeline", "random_field", "desensitized", "funnels", "entry")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
+    """The test that waits for the smoke build first, those that read it last, and long groups before short ones."""
     for item in items:
-        if any(needs(item, fixture) for fixture in STAGES):
+        if needs(item, *STAGES):
             item.add_marker(pytest.mark.stages)
-    if not distributed(config):
-        yield
-        order = ("copied", "built", "full")
-        items.sort(key=lambda item: sum(needs(item, name) for name in order))  # otherwise in their order
-        return
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(group(item)))
+        if hasattr(config, "workerinput"):
+            item.add_marker(pytest.mark.xdist_group(group(item)))
     yield
-    longest = ["builds", *SLUGS]  # which have to begin first
-    place = {name: number for number, name in enumerate(longest)} | {"copies": len(longest) + 1}
-    items.sort(key=lambda item: place.get(group(item), len(longest)))
-    items.sort(key=lambda item: needs(item, "full") - needs(item, "built"))
+    first = {name: number for number, name in enumerate(("build", "small", *SLUGS))}
+    items.sort(key=lambda item: (needs(item, "copied") and not needs(item, "built"), first.get(group(item), 99)))
 
 
 def pytest_runtest_setup(item):
-    if distributed(item.config) and group(item) != "builds" and os.nice(0) == 0:
-        os.nice(10)  # the builds and their tests take longest
+    if hasattr(item.config, "workerinput") and group(item) != "build" and os.nice(0) == 0:
+        os.nice(10)  # the build takes longest
 
 
 @pytest.fixture(scope="session")
-def background(request, tmp_path_factory):
-    """The builds beside the tests, of the sizes that selected tests need."""
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if distributed(request.config) else base) / "builds"
-    try:
-        folder.mkdir()
-    except FileExistsError:
-        yield Begun(folder / "project")
-        return
-    full = any(needs(item, "full") for item in request.session.items)
-    builds = Background(copy_tree(ROOT, folder / "project"), *["full"] * full)
-    yield builds
-    builds.kill()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def early(request):
-    """Begin the builds before the first test; where tests are distributed, the process that needs them begins so."""
-    builds = ("built", "copied")
-    if not distributed(request.config) and any(needs(item, b) for item in request.session.items for b in builds):
-        request.getfixturevalue("background")
+def built(request) -> Built:
+    """The smoke build, not to be changed."""
+    return kept_build(os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid())))
 
 
 @pytest.fixture(scope="session")
-def built(background) -> Built:
-    """The smoke size built twice, as `marsedl verify` does."""
-    smoke = background.smoke()
-    tree = Tree(background.folder / "build" / "verify" / "1")
-    _DIGESTS.update({(name, *state): smoke["digests"][1][name] for name, state in tree.state().items()})
-    logs = tuple(set(names) for names in smoke["logs"])
-    spare = Spare(tree.folder, background.folder / "spare")
-    return Built(smoke["agree"], background.output(), tuple(smoke["digests"]), logs, spare)
-
-
-@pytest.fixture(scope="session")
-def spare_copy(background) -> Spare:
-    """A copy of the second smoke build, beside the one in which jobs are run."""
-    background.smoke()
-    return Spare(background.copy, background.copy.with_name("spare copy"))
+def session_copy(tmp_path_factory) -> Spare:
+    """A copy of the smoke build for the tests of this process."""
+    kept = kept_build(os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))).folder
+    return Spare(shutil.copytree(kept, tmp_path_factory.mktemp("smoke") / "project", symlinks=True), kept)
 
 
 @pytest.fixture
-def copied(spare_copy) -> Tree:
-    """The second build in another place, to be read or planned in; a job would compile its kernels anew there."""
-    spare_copy.restore()
-    return Tree(spare_copy.folder)
+def copied(session_copy) -> Tree:
+    """The smoke build as it was built, to plan, read and run in."""
+    session_copy.restore()
+    return Tree(session_copy.folder)
+
+
+@pytest.fixture
+def tree(copied) -> Tree:
+    """The same."""
+    return copied
 
 
 @pytest.fixture
 def project(tmp_path) -> Tree:
     """A copy of the project in which nothing is built."""
-    return Tree(copy_tree(ROOT, tmp_path / "project"))
+    return Tree(with_kernels(copy_tree(ROOT, tmp_path / "project")))
 
 
-@pytest.fixture
-def tree(built) -> Tree:
-    """The second build as it was built, in its own place: compiled kernels are bound to their path."""
-    built.spare.restore()
-    return Tree(built.spare.folder)
+# -------------------------------------------------------------------------------------------------- the small project
+
+TITLE = (
+    "A Study of Gliding & Steering, Which Has {Braces}, a Title That is Far Too Long for One Line, and What Not: Part 2"
+)
+AUTHORS = "A. O'Author and B. Müller"
+
+
+def small_project(folder: Path) -> Path:
+    """A copy of the project with two new papers in place of the five: it starts at once, and stages take no time."""
+    copy_tree(ROOT, folder)
+    new_paper(folder, GLIDE, TITLE, AUTHORS)
+    new_paper(folder, HOP, TITLE, AUTHORS, monte_carlo=False)
+    papers, comparison = folder / "src" / "marsedl" / "papers", folder / "src" / "marsedl" / "comparison"
+    register = papers / "__init__.py"
+    text, number = re.subn(r"(?s)SLUGS = \(.*?\)", f"SLUGS = {(GLIDE, HOP)}", register.read_text(encoding="utf-8"))
+    assert number == 1
+    register.write_text(text, encoding="utf-8")
+    for slug in SLUGS:
+        shutil.rmtree(papers / slug)
+    for path in comparison.glob("*.py"):
+        if path.stem not in ("__init__", "records"):
+            path.unlink()
+    (comparison / "texts.yaml").write_text("nothing:\n  figure: Nothing.\n  table: Nothing.\n", encoding="utf-8")
+    return with_kernels(folder)
 
 
 @pytest.fixture(scope="session")
-def full(built, background) -> Path:
-    """The tree in which the size `check` is built: the full numbers of trials, in fewer readings, without figures."""
-    background.wait()
-    return background.folder / "build" / "verify" / "0"
+def small_build(tmp_path_factory) -> Spare:
+    """The smoke build of the small project."""
+    base = tmp_path_factory.mktemp("small")
+    tree = Tree(small_project(base / "project"))
+    process = tree.run(GLIDE, HOP)
+    assert process.returncode == 0, process.stdout[-3000:]
+    return Spare(tree.folder, shutil.copytree(tree.folder, base / "spare", symlinks=True))
+
+
+@pytest.fixture
+def small(small_build) -> Tree:
+    """The small project as it was built."""
+    small_build.restore()
+    return Tree(small_build.folder)

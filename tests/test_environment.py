@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import tomllib
-from importlib.metadata import distribution, distributions
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
@@ -23,23 +23,6 @@ def locked(name: str) -> list[Requirement]:
     """The pinned packages of a lock."""
     lines = (ROOT / name).read_text("utf-8").splitlines()
     return [Requirement(line.removesuffix(" \\")) for line in lines if not line.startswith((" ", "#"))]
-
-
-@pytest.mark.parametrize("uv", [True, False], ids=["uv", "pip"])
-def test_make_installs_the_locks_and_the_project_alone(tmp_path, uv):
-    for command in ("sh", "make"):
-        (tmp_path / command).symlink_to(shutil.which(command))
-    if uv:
-        (tmp_path / "uv").write_text("#!/bin/sh\n")
-        (tmp_path / "uv").chmod(0o755)
-    command = ["make", "--always-make", "--dry-run", "environment", "slurm"]
-    process = subprocess.run(command, cwd=ROOT, env={"PATH": str(tmp_path)}, capture_output=True, text=True, check=True)
-    lines = process.stdout.splitlines()
-    steps = [number for number, line in enumerate(lines) if " install " in line and not line.startswith("echo")]
-    assert [lines[step].startswith("uv ") for step in steps] == [uv] * 3
-    assert [{*lines[step].split()} > FROM_A_LOCK for step in steps] == [True, False, True]
-    assert {*lines[steps[1]].split()} > THE_PROJECT
-    assert [lines[step].rpartition(" ")[2] for step in steps] == [LOCKS[0], ".", LOCKS[1]]
 
 
 @pytest.mark.parametrize("folder", [".", "build/smoke"])
@@ -86,14 +69,6 @@ def test_every_requirement_of_a_locked_package_is_locked_or_excluded():
             required = [need for need in required if need.marker is None or need.marker.evaluate({"extra": ""})]
             missing |= {canonicalize_name(need.name) for need in required} - names
     assert missing == set(EXCLUDED), "exclude what nothing imports, and nothing else"
-
-
-def test_what_is_excluded_is_imported_by_none_that_requires_it():
-    assert EXCLUDED == ["connection-pool"], "name the module of another one here"
-    files = [distribution("snakemake").locate_file(file) for file in distribution("snakemake").files]
-    sources = [Path(file).read_text("utf-8") for file in files if file.suffix == ".py"]
-    assert len(sources) > 100
-    assert not [text for text in sources if re.search(r"\bconnection_pool\b", text)]
 
 
 @pytest.mark.long

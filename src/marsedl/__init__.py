@@ -1,10 +1,5 @@
 """Reproducible replications of papers on Mars entry, descent and landing under uncertainty."""
 
-from importlib import import_module
-
-# What a missing package says. Imported by its name, which code digests do not follow: no result depends on a message.
-_extras = import_module("marsedl.extras")
-
 
 def __getattr__(name: str) -> str:
     """Look up `__version__` when somebody asks for it: reading metadata takes longer than importing marsedl."""

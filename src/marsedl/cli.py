@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import marsedl
-from marsedl.extras import MissingExtra
 from marsedl.replication.errors import InputError, MarsedlError, StaleError
-from marsedl.replication.sizes import FULL, build_folder, size_of
-from marsedl.replication.terminal import columns, printable_lines
+from marsedl.replication.sizes import FULL, build_folder
+from marsedl.replication.terminal import columns, printable
 
 TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
 KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
@@ -28,9 +27,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = command_line().parse_args(arguments)
     try:
         return _COMMANDS[options.command](options)
-    except (MarsedlError, MissingExtra) as error:
-        print(f"marsedl: {printable_lines(error)}", file=sys.stderr)
+    except MarsedlError as error:
+        print(f"marsedl: {printable(error)}", file=sys.stderr)
         return 3 if isinstance(error, StaleError) else 2
+    except ModuleNotFoundError as error:
+        print(f"marsedl: {error.name} is not installed; run: pip install 'marsedl[pipeline]'", file=sys.stderr)
+        return 2
     except BrokenPipeError:
         sys.stderr.close()
         return 0
@@ -102,25 +104,6 @@ def command_line() -> argparse.ArgumentParser:
         "differs.",
     )
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
-    machines = add(
-        "machines",
-        "check how results depend on the processor and on library versions",
-        "Builds the smoke size as pinned and under other instruction sets or libraries, and compares the results.",
-    )
-    machines.add_argument("names", nargs="*", metavar="machine", help="sse or avx512 (default: both)")
-    machines.add_argument(
-        "--libraries",
-        action="append",
-        default=[],
-        metavar="NAME=PYTHON",
-        help="a name, and the Python of an environment with other library versions; can be repeated",
-    )
-    machines.add_argument(
-        "--paper", metavar="NAME", action="append", default=[], help="only this paper; can be repeated"
-    )
-    machines.add_argument(
-        "--cores", metavar="N", type=_positive, default=2, help="cores of each build (default: %(default)s)"
-    )
     accept = add(
         "accept",
         "store the numbers of the full-size build as the reference",
@@ -143,23 +126,6 @@ def command_line() -> argparse.ArgumentParser:
         "write what came out of each paper into README.md",
         "Writes the answers and the badge from the stored verdicts.",
     )
-    add(
-        "audit",
-        "check that nothing is missing or unused",
-        "Counts claims, figures, inputs, errata and targets. The exit status is 1 if one lacks what belongs to it.",
-    )
-    crate = add(
-        "crate",
-        "describe the build for an archive, as an RO-Crate",
-        "Writes ro-crate-metadata.json with the workflow, its inputs, and all products with their checksums.",
-    )
-    crate.add_argument(
-        "--config",
-        metavar="KEY=VALUE",
-        nargs="*",
-        default=[],
-        help="settings that the build was made with, as for snakemake",
-    )
     new = add(
         "new-paper",
         "create a small complete paper as the start of another replication",
@@ -169,12 +135,6 @@ def command_line() -> argparse.ArgumentParser:
     new.add_argument("--title", default="Title to be given", help="the paper's title")
     new.add_argument("--authors", default="Authors to be named", help="the paper's authors, in one line")
     new.add_argument("--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
-    completion = add(
-        "completion",
-        "print a script that completes commands in your shell",
-        'For bash, add this line to ~/.bashrc: eval "$(marsedl completion bash)"',
-    )
-    completion.add_argument("shell", choices=("bash", "zsh"), help="your shell")
     for command in (listing, explain, trial, verify, accept):
         where = "with --reference: " if command in (verify, accept) else ""
         command.add_argument(
@@ -193,13 +153,6 @@ class _Version(argparse.Action):
     def __call__(self, parser, *_):
         print(f"marsedl {marsedl.__version__}")
         parser.exit()
-
-
-def _positive(text: str) -> int:
-    """Read a whole number above zero; the parser refuses the argument otherwise."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above zero")
-    return int(text)
 
 
 def project_root() -> Path:
@@ -311,7 +264,7 @@ def _published(root, slug) -> list:
 
 def _say(text: object = "") -> None:
     """Print a text with its control characters escaped."""
-    print(printable_lines(text))
+    print(printable(text))
 
 
 def _list(options) -> int:
@@ -478,7 +431,7 @@ def _artifact(paper, shared, reading, name) -> tuple[str, str]:
     stage = name.partition(".")[0]
     meaning = paper.stages[stage].meaning
     if not shared.has(reading.name, name):
-        return name, f"{meaning} (flies no trials in this reading)"
+        return name, f"{meaning} (has no trials in this reading)"
     owner = shared.owner(reading.name, name)
     return name, meaning if owner == reading.name else f"{meaning} (shared: that of the reading {owner})"
 
@@ -608,22 +561,6 @@ def _trial(options) -> int:
     return 0
 
 
-def _completion(options) -> int:
-    from marsedl.papers import SLUGS
-    from marsedl.replication.completion import script
-
-    project = _project()
-    items = {}
-    for slug in SLUGS:
-        paper = _paper(slug)
-        items[slug] = {
-            "explain": [*paper.figures, *paper.tables, *paper.stages, *(c.id for c in _published(project.root, slug))],
-            "trial": [*project.studies[slug].readings],
-        }
-    print(script(command_line(), options.shell, items), end="")
-    return 0
-
-
 def _verify(options) -> int:
     from marsedl.papers import rounding_noise
     from marsedl.replication import verification
@@ -675,18 +612,6 @@ def _own_build(options) -> tuple[_Project, dict]:
     return project, _up_to_date(project, papers)
 
 
-def _machines(options) -> int:
-    from marsedl.papers import SLUGS, rounding_noise
-    from marsedl.replication import machines
-    from marsedl.replication.errors import nearest
-
-    if unknown := next((paper for paper in options.paper if paper not in SLUGS), None):
-        raise InputError(f"there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
-    selected = machines.select(options.names, options.libraries)
-    slugs = options.paper or SLUGS
-    return 0 if machines.measure(project_root(), selected, slugs, rounding_noise(), options.cores) else 1
-
-
 def _accept(options) -> int:
     from marsedl.papers import SLUGS, rounding_noise
     from marsedl.replication import quotes, verification
@@ -722,29 +647,6 @@ def _write_readme(root: Path) -> None:
         _say(f"wrote {path}")
 
 
-def _audit(options) -> int:
-    from marsedl.replication import audit
-    from marsedl.replication.verification import REMEDY
-
-    root = project_root()
-    results, committed = _run_audit(root), audit.read_counts(root)
-    _say(audit.format_results(results, committed))
-    changes = audit.count_changes(results, committed)
-    if changes:
-        _say(REMEDY)
-    return 1 if changes or audit.findings(results) else 0
-
-
-def _crate(options) -> int:
-    from marsedl.papers import SLUGS
-    from marsedl.replication.crate import write_crate
-
-    project = _project(size_of(options.config))
-    papers = {slug: project.paper(slug) for slug in SLUGS}
-    _say(f"wrote {write_crate(project_root(), papers, _shared(size_of(options.config)), *options.config)}")
-    return 0
-
-
 def _new_paper(options) -> int:
     from marsedl.replication.scaffold import new_paper, next_steps
 
@@ -756,37 +658,14 @@ def _new_paper(options) -> int:
     return 0
 
 
-def _run_audit(root) -> list:
-    """Audit all papers and comparisons of the project."""
-    from marsedl.comparison import comparisons
-    from marsedl.papers import catalogue
-    from marsedl.replication import audit
-    from marsedl.replication.claiming import claims_of
-
-    subjects = [
-        audit.Subject(
-            catalogue(slug),
-            study,
-            _published(root, slug),
-            claims_of(slug).declarations,
-        )
-        for slug, study in _project().studies.items()
-    ]
-    return audit.audit(root, subjects, comparisons(), TARGETS)
-
-
 _COMMANDS = {
-    "completion": _completion,
     "list": _list,
     "explain": _explain,
     "diff": _diff,
     "trial": _trial,
     "verify": _verify,
-    "machines": _machines,
     "accept": _accept,
     "readme": _readme,
-    "audit": _audit,
-    "crate": _crate,
     "new-paper": _new_paper,
 }
 

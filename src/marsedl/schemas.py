@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, WithJsonSchema
 import marsedl
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.claims import COUNTED_VERDICTS, LISTED_VERDICTS
-from marsedl.replication.inputs import MOST_CHUNKS, MOST_READINGS
+from marsedl.replication.inputs import MOST_CHUNKS
 from marsedl.replication.sections import Inputs, Section
 
 VERSION = 1  # of the formats: one more when a file that was valid no longer is, or a key means something else
@@ -78,10 +78,7 @@ def own_configuration_schema(models: dict[str, type[Inputs]]) -> dict:
         slug: _object(
             f"readings of your own of the paper {slug}",
             {
-                "readings": {
-                    **_readings("by names that the paper's configuration has not", f"{slug}_reading"),
-                    "maxProperties": MOST_READINGS,
-                }
+                "readings": _readings("by names that the paper's configuration has not", f"{slug}_reading"),
             },
             ["readings"],
         )

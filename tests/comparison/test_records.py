@@ -26,8 +26,8 @@ class Body(Section):
     factor: Positive = given("1", "a factor")
 
 
-def funnels(body: Body, nominal: Tiny, large: Tiny | None = None, measured: dict | None = None):
-    return body.factor * nominal.value.sum(), large, measured
+def funnels(body: Body, nominal: Tiny, large: Tiny | None = None):
+    return body.factor * nominal.value.sum(), large
 
 
 @pytest.fixture
@@ -50,15 +50,7 @@ def load(path, kind):
 
 def test_artifacts_and_inputs_reach_the_function_of_their_paper(comparison, stored):
     files = {"funnels": {"nominal": str(stored)}}
-    assert collect("tiny", {"funnels": {"body.factor": 2.0}}, files, load) == {"funnels": (6.0, None, None)}
+    assert collect("tiny", {"funnels": {"body.factor": 2.0}}, files, load) == {"funnels": (6.0, None)}
     files["funnels"]["large"] = str(stored)
-    total, large, _ = collect("tiny", {"funnels": {"body.factor": 1.0}}, files, load)["funnels"]
+    total, large = collect("tiny", {"funnels": {"body.factor": 1.0}}, files, load)["funnels"]
     assert (total, large.value.tolist()) == (3.0, [1.0, 2.0])
-
-
-def test_run_times_of_the_paper_alone_are_given_where_a_table_is_named(comparison, stored, tmp_path):
-    table = tmp_path / "benchmarks.csv"
-    table.write_text("paper,quantity,value\nfunnels,a flight,2.5\nrandom_field,a flight,3.5\n", encoding="utf-8")
-    files = {"funnels": {"nominal": str(stored)}}
-    records = collect("tiny", {"funnels": {"body.factor": 1.0}}, files, load, table)
-    assert records["funnels"][2] == {"a flight": 2.5}

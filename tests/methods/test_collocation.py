@@ -16,14 +16,11 @@ from marsedl.methods.collocation import (
     NotConvergedError,
     Problem,
     Program,
-    Residual,
     Variable,
     resimulate,
     simulate,
 )
 from marsedl.methods.linearization import linearize
-from marsedl.models.atmosphere import temperature_pressure_fit
-from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 
 ORDERS = {"midpoint": 2, "trapezoid": 2, "hermite_simpson": 4}
 
@@ -82,51 +79,6 @@ def bryson_denham(limit, **changes):
         path=(Condition("wall", lambda position, velocity, acceleration: position, -inf, limit, 0.1),),
     )
     return replace(problem, **changes)
-
-
-def entry():
-    """The Mars entry between fixed ends, flown by bank acceleration, and a guess with two reversals of the bank."""
-    degree, radius = np.pi / 180, 3_397_000.0
-    nodes, final_time = 101, 265.0
-
-    def rates(*arguments):
-        density = np.exp(temperature_pressure_fit(arguments[0])[0])
-        return velocity_component_entry_rates(
-            arguments[:8], arguments[8], density, (115.0, 0.18), (4.282837e13, radius)
-        )
-
-    descent, eastward = 6750.0 * np.sin(-15.2 * degree), 6750.0 * np.cos(-15.2 * degree)
-    start = {"altitude": 126_100.0, "latitude": 0.0, "longitude": 0.0}
-    start |= {"radial_velocity": descent, "north_velocity": 0.0, "east_velocity": eastward, "bank_rate": 0.0}
-    names = ("altitude", "latitude", "longitude", "radial_velocity", "north_velocity", "east_velocity", "bank")
-    problem = Problem(
-        rates=rates,
-        states=(
-            *(Variable(n, s) for n, s in zip(names, (1e5, 0.1, 0.1, 1e3, 1e3, 1e3, 1.0), strict=True)),
-            Variable("bank_rate", 0.02, -20 * degree, 20 * degree),
-        ),
-        controls=(Variable("bank_acceleration", 0.002, -5 * degree, 5 * degree),),
-        final_time=Variable("final_time", 100.0, 100.0, 600.0),
-        initial=start,
-        final={"altitude": 1e4, "latitude": 0.0, "longitude": 12.2 * degree},
-        boundary=(
-            Condition(
-                "final speed",
-                lambda _, end: sum(end[f"{name}_velocity"] ** 2 for name in ("radial", "north", "east")),
-                503.0**2,
-                503.0**2,
-                503.0**2,
-            ),
-        ),
-        running_cost=lambda *arguments: (arguments[8] / degree) ** 2,
-    )
-    time, width = np.linspace(0.0, final_time, nodes), 15.0
-    first, second = np.tanh((time - 61) / width), np.tanh((time - 211) / width)
-    bank = degree * (-85.5 + 123.6 * (1 + first) / 2 - 101.4 * (1 + second) / 2)
-    rate = degree * (123.6 * (1 - first**2) - 101.4 * (1 - second**2)) / (2 * width)
-    controls = np.diff(rate)[:, np.newaxis] / np.diff(time)[:, np.newaxis]
-    initial = [126_100.0, 0.0, 0.0, descent, 0.0, eastward, bank[0], rate[0]]
-    return problem, Guess(simulate(problem, initial, controls, time), controls, final_time)
 
 
 # ---- transcriptions --------------------------------------------------------------------------------------------------
@@ -305,7 +257,7 @@ def test_brachistochrone_approaches_the_cycloid():
 
 def test_path_condition_is_active_where_it_should_be():
     # On the wall from 3 limit to 1 - 3 limit, before it at limit (1 - (1 - t / (3 limit))^3).
-    limit, dips, costs, offs, excesses = 0.1, [], [], [], []
+    limit, dips, costs, offs = 0.1, [], [], []
     for intervals in (30, 60, 120):
         problem = bryson_denham(limit)
         solution = Program(problem, intervals).solve(flat(problem, intervals, 1.0), tolerance=1e-12)
@@ -316,48 +268,8 @@ def test_path_condition_is_active_where_it_should_be():
         dips.append(limit - position[arrival : leave + 1].min())
         offs.append(np.abs(position - limit * (1 - (1 - time / 0.3) ** 3))[: arrival + 1].max())
         costs.append(solution.objective - 4 / (9 * limit))
-        # A wall that moves away saves; all is saved where the wall is reached and left.
-        multipliers = solution.path_multipliers["wall"]
-        excesses.append(np.abs(multipliers[[arrival, leave]] + 2 / (9 * limit**2)).max())
-        assert np.abs(np.delete(multipliers, [arrival, leave])).max() < 1e-3
-    for errors in (dips, offs, costs, excesses):
+    for errors in (dips, offs, costs):
         np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2, rtol=0, atol=0.05)
-
-
-def test_path_multipliers_are_slopes_of_the_optimum():
-    limit, step, guess = 0.11, 1e-5, flat(bryson_denham(0.11), 25, 1.0)
-    below, solution, above = (
-        Program(bryson_denham(limit + d), graded(25)).solve(guess, tolerance=1e-11) for d in (-step, 0.0, step)
-    )
-    slope = (above.objective - below.objective) / (2 * step)
-    assert solution.path_multipliers["wall"].sum() == pytest.approx(slope, rel=1e-6)
-
-
-def test_path_condition_from_below_has_positive_multipliers():
-    # The same upside down: a floor, raised, costs more.
-    above = Program(bryson_denham(0.1), 20)
-    floor = Condition("floor", lambda position, velocity, acceleration: -position, -0.1, inf, 0.1)
-    below = Program(bryson_denham(0.1, path=(floor,)), 20)
-    guess = flat(above.problem, 20, 1.0)
-    upper, lower = (program.solve(guess).path_multipliers for program in (above, below))
-    np.testing.assert_allclose(lower["floor"], -upper["wall"], atol=1e-6)
-
-
-def test_path_condition_takes_the_controls_of_the_interval_that_begins():
-    # Velocity and acceleration at once, as a limit of power would; the cost asks for most at the start.
-    limit = Condition("limit", lambda position, velocity, acceleration: velocity + acceleration, -1.0, 1.4, 0.5)
-    problem = double_integrator(path=(limit,))
-    solution = Program(problem, 12).solve(flat(problem, 12, 2.0), tolerance=1e-11)
-    value = solution.state("velocity") + np.append(solution.controls[:, 0], solution.controls[-1, 0])
-    multipliers = solution.path_multipliers["limit"]
-    at_top, at_bottom = np.isclose(value, 1.4, rtol=0, atol=1e-7), np.isclose(value, -1.0, rtol=0, atol=1e-7)
-    assert value.min() > -1.0 - 1e-7
-    assert value.max() < 1.4 + 1e-7
-    assert 2 <= at_top.sum() <= 8
-    assert at_bottom[-1]
-    assert not at_bottom[:8].any()
-    np.testing.assert_array_equal(multipliers < -1e-5, at_top)
-    np.testing.assert_array_equal(multipliers > 1e-5, at_bottom)
 
 
 def test_path_and_boundary_conditions_with_bounds_apart_and_several_controls():
@@ -390,52 +302,6 @@ def test_path_and_boundary_conditions_with_bounds_apart_and_several_controls():
     # T = 2 sqrt(5 - sqrt(bound)): an active upper bound has a negative multiplier, an idle one none.
     assert solution.boundary_multipliers["distance"] == pytest.approx(-0.25, abs=1e-5)
     assert solution.boundary_multipliers["side"] == pytest.approx(0.0, abs=1e-6)
-    np.testing.assert_allclose(solution.path_multipliers["speed"], 0.0, atol=1e-6)
-    # T = 2 sqrt(d / a), a = sqrt(bound): d T / d bound = -T / 4 in all.
-    assert solution.path_multipliers["thrust"].sum() == pytest.approx(-1.0, abs=1e-4)
-
-
-def test_free_parameters_come_before_the_given_ones():
-    # x' = 1 + free - 10 given: two unlike parameters that a swap would show.
-    problem = Problem(
-        rates=lambda x, push, chosen, wind: (1 + chosen - 10 * wind + push,),
-        states=(Variable("x", 2.0),),
-        controls=(Variable("push", 1.0, -1.0, 1.0),),
-        final_time=Variable("final_time", 1.0, 1.0, 1.0),
-        initial={"x": 0.0},
-        final={"x": 0.5},
-        running_cost=lambda x, push, chosen, wind: push**2 + wind,
-        end_cost=lambda start, end, parameters: (parameters["chosen"] - 3 * parameters["wind"]) ** 2,
-        free=(Variable("chosen", 5.0),),
-        given=("wind",),
-    )
-    wind = 0.2
-    solution = Program(problem, 4).solve(flat(problem, 4, 1.0, free={"chosen": 0.0}), {"wind": wind}, tolerance=1e-11)
-    # chosen + push = 10 wind - 1/2; least push^2 + (chosen - 3 wind)^2 shares the gap of 7 wind - 1/2.
-    gap = 7 * wind - 0.5
-    np.testing.assert_allclose(solution.controls, gap / 2, atol=1e-8)
-    assert solution.free["chosen"] == pytest.approx(3 * wind + gap / 2, abs=1e-8)
-    assert solution.objective == pytest.approx(gap**2 / 2 + wind, abs=1e-8)
-    assert solution.running_cost == pytest.approx(gap**2 / 4 + wind, abs=1e-8)
-    assert solution.given == {"wind": wind}
-    np.testing.assert_allclose(resimulate(solution), solution.states, atol=1e-10)
-
-
-def test_entry_with_two_reversals():
-    # Check values of an independent solution: with the midpoint rule on 100 intervals the cost is 0.13777, the time
-    # 265.76 s, the integral of |u| 5.1808 deg/s; the flown optimum misses by -14.9 m up, 24.1 m north, 10.1 m east.
-    problem, guess = entry()
-    solution = Program(problem, 100).solve(guess)
-    bank = np.degrees(solution.state("bank"))
-    expected = [-81.1, -72.6, -47.4, -8.9, 28.3, 47.8, 42.4, 13.0, -33.1, -86.8, -142.1]
-    np.testing.assert_allclose(bank[::10], expected, rtol=0, atol=0.06)
-    assert solution.objective == pytest.approx(0.13777, abs=1e-5)
-    assert solution.final_time == pytest.approx(265.76, abs=0.01)
-    total = np.abs(np.degrees(solution.controls)).sum() * solution.final_time / 100
-    assert total == pytest.approx(5.1808, abs=1e-4)
-    miss = (resimulate(solution)[-1] - solution.states[-1])[:3] * [1.0, 3_397_000.0, 3_397_000.0]
-    np.testing.assert_allclose(miss, [-14.9, 24.1, 10.1], rtol=0, atol=0.1)
-    assert solution.residual.value < 1e-3  # metres, radians, (m/s)^2
 
 
 # ---- multipliers -----------------------------------------------------------------------------------------------------
@@ -537,33 +403,7 @@ def test_scales_do_not_change_the_optimum():
     assert two.objective == pytest.approx(one.objective, rel=1e-7)
     np.testing.assert_allclose(two.states, one.states, rtol=0, atol=1e-6)
     np.testing.assert_allclose(two.costates, one.costates, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(two.path_multipliers["speed"], one.path_multipliers["speed"], rtol=0, atol=1e-5)
     assert two.boundary_multipliers["height"] == pytest.approx(one.boundary_multipliers["height"], rel=1e-5)
-
-
-def test_solving_twice_gives_the_same_bits():
-    first, second = (Program(bryson_denham(0.12), 20).solve(flat(bryson_denham(0.12), 20, 1.0)) for _ in range(2))
-    program = Program(bryson_denham(0.12), 20)
-    third = [program.solve(flat(program.problem, 20, 1.0)) for _ in range(2)][1]
-    for other in (second, third):
-        assert other.iterations == first.iterations
-        assert all((a == b).all() for a, b in zip(first.raw, other.raw, strict=True))
-
-
-def test_warm_start_takes_fewer_iterations_than_a_cold_one():
-    problem = bryson_denham(0.0, given=("limit",))
-    problem = replace(
-        problem,
-        rates=lambda position, velocity, acceleration, limit: (velocity, acceleration),
-        running_cost=lambda position, velocity, acceleration, limit: acceleration**2 / 2,
-        path=(Condition("wall", lambda position, velocity, acceleration, limit: position - limit, -inf, 0.0, 0.1),),
-    )
-    program = Program(problem, 40)
-    cold = program.solve(flat(problem, 40, 1.0), {"limit": 0.11})
-    assert program.solve(cold, {"limit": 0.11}, warm=True).iterations == 0
-    again, warm = program.solve(cold, {"limit": 0.111}), program.solve(cold, {"limit": 0.111}, warm=True)
-    assert warm.iterations < min(again.iterations, cold.iterations)
-    assert warm.objective == pytest.approx(again.objective, rel=1e-7)
 
 
 def test_a_solution_is_a_good_guess_on_another_mesh():
@@ -680,28 +520,6 @@ def test_continuation_says_where_there_is_nothing_any_more():
     assert caught.value.solution.given["tilt"] == caught.value.reached
 
 
-def test_continuation_keeps_the_other_given_parameters():
-    problem = well(lambda place, tilt: place**2 + tilt * place)
-    problem = replace(
-        problem,
-        rates=lambda idle, place, tilt, height: (0.0,),
-        end_cost=lambda start, end, parameters: (parameters["place"] - parameters["tilt"]) ** 2 + parameters["height"],
-        given=("tilt", "height"),
-    )
-    program = Program(problem, 1)
-    start = program.solve(flat(problem, 1, 1.0, free={"place": 0.0}), {"tilt": 0.0, "height": 3.0})
-    (solution,) = program.follow(start, "tilt", [2.0])
-    assert solution.given == {"tilt": 2.0, "height": 3.0}
-    assert solution.free["place"] == pytest.approx(2.0, abs=1e-7)
-    assert solution.objective == pytest.approx(3.0, abs=1e-9)
-
-
-def test_continuation_refuses_a_parameter_that_is_not_given(right_well):
-    program, start = right_well
-    with pytest.raises(ValueError, match="'place' is not a given parameter; these are tilt"):
-        program.follow(start, "place", [1.0])
-
-
 # ---- failures --------------------------------------------------------------------------------------------------------
 
 
@@ -725,41 +543,6 @@ def test_an_unreachable_end_is_reported_with_the_worst_constraint():
     assert solution.states.shape == (11, 2)
 
 
-def test_an_impossible_condition_is_named():
-    impossible = Condition("impossible", lambda start, end: end["velocity"] ** 2, -9.0, -4.0, 2.0)
-    problem = double_integrator(final={"position": 1.0}, boundary=(impossible,))
-    with pytest.raises(NotConvergedError, match="the worst constraint is impossible at the boundary, off by 4"):
-        Program(problem, 10).solve(flat(problem, 10, 2.0))
-
-
-def test_an_impossible_path_is_named_with_its_time():
-    # On its way from 0 to 1 it cannot stay below 0.8 at the end.
-    ceiling = Condition("ceiling", lambda position, velocity, acceleration: position, -inf, 0.8)
-    problem = double_integrator(path=(ceiling,))
-    with pytest.raises(NotConvergedError, match=r"the worst constraint is ceiling at 2 s, off by 0\.2"):
-        Program(problem, 10).solve(flat(problem, 10, 2.0))
-
-
-def test_too_few_iterations_are_reported_with_the_last_iterate():
-    program = Program(pendulum(), 20)
-    with pytest.raises(NotConvergedError, match="Maximum_Iterations_Exceeded after 2 iterations") as caught:
-        program.solve(swing_guess(20), iterations=2)
-    last = caught.value.solution
-    assert last.iterations == 2
-    assert program.solve(last.guess()).status == "Solve_Succeeded"
-    accepted = program.solve(swing_guess(20), iterations=2, accept=("Maximum_Iterations_Exceeded",))
-    np.testing.assert_array_equal(accepted.states, last.states)
-
-
-def test_a_cost_without_a_least_value_is_reported():
-    problem = double_integrator(final={}, running_cost=lambda position, velocity, acceleration: -acceleration)
-    with pytest.raises(
-        NotConvergedError, match=r"ended with \w+ after \d+ iterations, at objective -.* off by "
-    ) as caught:
-        Program(problem, 10).solve(flat(problem, 10, 2.0), iterations=200)
-    assert caught.value.solution.status in ("Diverging_Iterates", "Maximum_Iterations_Exceeded")
-
-
 @pytest.mark.parametrize("rate", [lambda x: np.sqrt(x - 5), lambda x: 1 / (x - 0.1)], ids=["nan", "infinite"])
 def test_rates_that_are_not_finite_at_the_guess(rate):
     problem = double_integrator(rates=lambda x, v, a: (v, a + rate(x)))
@@ -771,37 +554,20 @@ def test_rates_that_are_not_finite_at_the_guess(rate):
         simulate(problem, [0.1, 0.0], np.zeros((10, 1)), np.linspace(0, 2, 11))
 
 
-def test_flight_that_ends_early_is_an_error():
-    escape = double_integrator(rates=lambda x, v, a: (v, a + 10 * v**2))  # infinite at 0.1 s
-    with pytest.raises(RuntimeError, match="flying the controls from 0 s on failed: "), np.errstate(all="ignore"):
-        simulate(escape, [0.0, 1.0], np.zeros((2, 1)), [0.0, 1.0, 2.0])
-
-
-def test_residual_in_words():
-    assert str(Residual("the bound of final_time", "", 0.25)) == "the bound of final_time, off by 0.25"
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"states": (Variable("position", 1.0, 2.0, -2.0), Variable("velocity"))}, "position: bounds are the wrong"),
-        ({"controls": (Variable("acceleration", 1.0, np.nan),)}, "acceleration: bounds are the wrong way round"),
         ({"controls": (Variable("acceleration", 1.0, inf),)}, "acceleration: no number lies in its bounds"),
         ({"controls": (Variable("acceleration", 0.0),)}, "acceleration: the scale must be positive and finite, got 0"),
-        ({"free": (Variable("spring", inf),)}, "spring: the scale must be positive and finite, got inf"),
-        ({"path": (Condition("wall", max, 1.0, 0.0),)}, "wall: bounds are the wrong way round, 1 to 0"),
-        ({"boundary": (Condition("gate", max, scale=-1.0),)}, "gate: the scale must be positive"),
         ({"boundary": (Condition("gate", max),), "path": (Condition("gate", max),)}, "gate: each condition needs a"),
         ({"final_time": Variable("final_time")}, "final_time: must be bounded from below by a positive number"),
         ({"free": (Variable("velocity"),)}, "velocity: each variable and parameter needs a name of its own"),
-        ({"given": ("acceleration", "mass", "mass")}, "acceleration, mass: each variable and parameter needs"),
         ({"initial": {"height": 1.0}}, "initial value of 'height': there is no such state; states: position, velocity"),
-        ({"final": {"acceleration": 1.0}}, "final value of 'acceleration': there is no such state"),
         (
             {"states": (Variable("position", 1.0, 0.0, 0.9), Variable("velocity"))},
             "final value of position, 1, lies outside of its bounds, 0 to 0.9",
         ),
-        ({"initial": {"velocity": np.nan}}, "initial value of velocity, nan, lies outside"),
     ],
 )
 def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
@@ -815,17 +581,10 @@ def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
         ({}, {"scheme": "euler"}, "scheme: 'euler' is not one of midpoint, trapezoid, hermite_simpson"),
         ({}, {"hessian": "bfgs"}, "hessian: 'bfgs' is not one of exact, limited-memory"),
         ({}, {"intervals": 0}, "intervals: their number must be whole and positive, got 0"),
-        ({}, {"intervals": 2.5}, "whole and positive, got 2.5"),
         ({}, {"intervals": [0.0, 0.5, 0.5, 1.0]}, "must increase from 0 to 1"),
-        ({}, {"intervals": [0.0, 0.5]}, "must increase from 0 to 1"),
-        ({}, {"intervals": [0.0, np.nan, 1.0]}, "must increase from 0 to 1"),
         ({"rates": lambda x, v, a: (v,)}, {}, "rates must return one value per state: 1 values for 2 states"),
-        ({"rates": lambda x, v, a: v}, {}, "rates must return one value per state: no tuple for 2 states"),
         ({"end_cost": lambda s, e, p: e["height"]}, {}, "there is no 'height'; there are position, velocity"),
-        ({"end_cost": lambda s, e, p: p["mass"]}, {}, "there is no 'mass'; there are none"),
         ({"running_cost": lambda *a: np.ones(2)}, {}, "running_cost: must be one number, got 2"),
-        ({"end_cost": lambda *a: np.ones(3)}, {}, "end_cost: must be one number, got 3"),
-        ({"path": (Condition("wall", lambda *a: np.ones(2)),)}, {}, "wall: must be one number, got 2"),
     ],
 )
 def test_a_program_that_cannot_be_meant_is_refused(changes, arguments, message):
@@ -861,12 +620,7 @@ def test_guesses_and_parameters_that_do_not_fit_are_refused():
         program.solve(good, {"drag": 0.1, "mass": 1.0})
     with pytest.raises(ValueError, match="given parameter drag: must be finite, got nan"):
         program.solve(good, {"drag": np.nan})
-    with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
-        program.solve(good, parameters, warm=True)
     solution = program.solve(good, parameters)
-    constrained = Program(replace(problem, path=(Condition("idle", lambda *a: a[0], -9.0, 9.0),)), 4)
-    with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
-        constrained.solve(solution, parameters, warm=True)
     with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(4, 1\), \(2,\)\), got"):
         simulate(problem, solution.states[0], solution.controls, solution.time)
     with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(3, 1\), \(2,\)\), got"):

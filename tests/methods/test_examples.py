@@ -1,7 +1,10 @@
 """The examples of the documentation as they stand there: they run, and what is said of their results is so."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
@@ -40,9 +43,9 @@ def test_every_example_is_tested():
     tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
     # These read a build: tests/workflow/test_large_ensembles.py, tests/results/test_results.py.
     elsewhere = {"scaling": 1, "results": 6, "formats": 1, "using": 1}
-    expected = dict.fromkeys(tested, 1) | elsewhere
+    expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 3}
     assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
-    assert len(tested) == 5
+    assert len(tested) == 4
 
 
 def test_closed_form_example_meets_its_targets():
@@ -193,8 +196,20 @@ def test_funnel_example_bounds_the_pendulum_itself(pendulum):
 
 
 @pytest.fixture(scope="module")
-def probe():
-    return run("monte_carlo")
+def probe_folder(tmp_path_factory):
+    """A folder with the probe as a module and the scripts that fly it, here and in a pool."""
+    folder = tmp_path_factory.mktemp("probe")
+    for name, text in zip(("probe", "here", "pool"), examples(ROOT / "docs/examples/monte_carlo.md"), strict=True):
+        (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def probe(probe_folder):
+    """The names that the probe and the script define."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(probe_folder)
+        return run_path(str(probe_folder / "probe.py")) | run_path(str(probe_folder / "here.py"))
 
 
 def test_monte_carlo_example_scatters_as_its_page_says(probe):
@@ -218,3 +233,11 @@ def test_monte_carlo_example_is_the_same_for_every_number_of_chunks_and_for_one_
     for name in ("mean", "covariance", "final_state", "observed_maximum", "kept_history"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(ensemble, name))
     np.testing.assert_array_equal(probe["again"].final_state[:, 0], ensemble.final_state[1234])
+
+
+def test_monte_carlo_example_flies_in_a_pool_of_processes(probe, probe_folder):
+    script = probe_folder / "pool.py"
+    script.write_text(script.read_text().replace("Executor(4", "Executor(1") + "    print(ensemble.count)\n")
+    process = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert process.stdout == f"{probe['ensemble'].covariance[-1]}\n20000\n"

@@ -148,31 +148,6 @@ def test_rates_of_a_car_are_those_of_the_trigonometric_sums():
         np.testing.assert_allclose(loop.error_rates(half_index, deviation, wind), expected, rtol=0, atol=1e-15)
 
 
-def test_samples_do_not_see_each_other():
-    loop = entry()
-    deviation, disturbance = random_deviations(11, ENTRY_SCALE), random_deviations(11, [1.0, 1.0], seed=2)
-    together = np.array(loop.flow(20, 40, deviation, disturbance))
-    for i in (0, 4, 10):
-        alone = loop.flow(20, 40, deviation[:, i], disturbance[:, i])
-        np.testing.assert_array_equal(together[:, i], alone)
-
-
-def test_two_flows_in_turn_are_one():
-    loop = entry()
-    deviation, disturbance = random_deviations(3, ENTRY_SCALE), random_deviations(3, [1.0, 1.0], seed=2)
-    middle = loop.flow(5, 20, deviation, disturbance)
-    np.testing.assert_array_equal(loop.flow(20, 31, middle, disturbance), loop.flow(5, 31, deviation, disturbance))
-    np.testing.assert_array_equal(loop.flow(7, 7, deviation, disturbance), deviation)
-
-
-def test_an_additive_input_adds_to_the_rates():
-    loop = car()
-    deviation, additive = random_deviations(5, [0.1, 0.1, 0.1]), random_deviations(5, [0.03, 0.03, 0.0], seed=4)
-    pushed = loop.flow(0, 40, deviation, np.zeros((2, 5)), additive)
-    blown = loop.flow(0, 40, deviation, additive[:2] / 0.03)
-    np.testing.assert_allclose(pushed, blown, rtol=0, atol=1e-15)
-
-
 def test_a_power_series_is_the_flow_up_to_its_order():
     loop = entry()
     deviation, disturbance = random_deviations(6, ENTRY_SCALE), random_deviations(6, [1.0, 1.0], seed=2)
@@ -186,16 +161,6 @@ def test_a_power_series_is_the_flow_up_to_its_order():
         errors.append(np.abs((polynomial - true) / np.abs(true).max(axis=1, keepdims=True)).max() * size)
     # Relative to the deviation, which is proportional to the size, third order; times the size, fourth.
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.3)
-
-
-def test_zero_gains_leave_a_component_out():
-    loop = car()
-    blind = ClosedLoop(
-        loop.rates, loop.time, loop.states, loop.controls, loop.gains * np.array([0.0, 1.0, 1.0]), loop.disturbances
-    )
-    assert blind.control_deviation(0, [np.nan, 1.0, 2.0]) == [-0.6 - 2.4]
-    off = ClosedLoop(loop.rates, loop.time, loop.states, loop.controls, 0 * loop.gains, loop.disturbances)
-    assert off.control_deviation(0, [np.nan, np.nan, np.nan]) == [0.0]
 
 
 def test_rates_may_depend_on_the_half_step():
@@ -232,51 +197,3 @@ def test_reference_converges_with_fourth_order():
 
     errors = [error(n) for n in (10, 20, 40)]
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.3)
-
-
-def loop_with(**fields):
-    loop = car()
-    names = ("rates", "time", "states", "controls", "gains", "disturbances")
-    return ClosedLoop(**{name: getattr(loop, name) for name in names} | fields)
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"time": np.zeros(41)}, "time must be a vector .* that increases"),
-        ({"states": np.zeros((41, 3))}, r"states must have shape \(81, components\), not \(41, 3\)"),
-        ({"controls": np.zeros(81)}, r"controls must have shape \(81, components\), not \(81,\)"),
-        ({"controls": np.full((81, 1), np.inf)}, "controls of a closed loop must be finite"),
-        ({"gains": np.zeros((81, 3, 1))}, r"gains must have shape \(81, 1, 3\), not \(81, 3, 1\)"),
-        ({"disturbances": -1}, "disturbances must be a number of components, not -1"),
-    ],
-)
-def test_bad_fields_are_named(fields, message):
-    with pytest.raises(ValueError, match=message):
-        loop_with(**fields)
-
-
-def test_bad_rates_and_nodes_are_named():
-    still = [0.0, 0.0]
-    with pytest.raises(ValueError, match="rates returned 2 values for a state of 3 components"):
-        loop_with(rates=lambda i, x, u, w: (x[0], x[1])).flow(0, 1, [0.0] * 3, still)
-    with pytest.raises(ValueError, match="not finite along its reference"):
-        loop_with(rates=lambda i, x, u, w: (x[0], x[1], np.float64(np.nan))).flow(0, 1, [0.0] * 3, still)
-    for first, last in ((0, 41), (-1, 3), (5, 4)):
-        with pytest.raises(ValueError, match=f"from node {first} to {last} is not on the grid of nodes 0 ... 40"):
-            car().flow(first, last, [0.0] * 3, still)
-
-
-def test_bad_references_are_named():
-    def rates(x, u):
-        return (x[0] * x[0] * u[0],)
-
-    with pytest.raises(ValueError, match=r"control must return shape \(9, nu\), not \(9,\)"):
-        reference_on_half_steps(rates, [0, 1, 2], np.zeros_like, [1.0])
-    with pytest.raises(ValueError, match="time must be a vector"):
-        reference_on_half_steps(rates, [0, 0], lambda t: t[:, None], [1.0])
-    with (
-        np.errstate(over="ignore", invalid="ignore"),
-        pytest.raises(ValueError, match="the reference is no longer finite at"),
-    ):
-        reference_on_half_steps(rates, np.arange(20), lambda t: 0 * t[:, None] + 1, [5.0])

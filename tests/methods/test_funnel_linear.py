@@ -4,7 +4,6 @@ import pytest
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import (
     additive_growth,
-    joint_ellipsoid,
     linear_exact,
     linear_triangle,
     minkowski_shape,
@@ -36,12 +35,12 @@ def steps():
     return across, 0.3 * draw.standard_normal((5, 4, 2)), definite(draw, 4, count=6), definite(draw, 4)
 
 
-def alternating_maximum(a, b, draw, starts=50):
+def alternating_maximum(a, b, draw, starts):
     """Largest |A y + B w|^2 found by maximising over y and w in turn; reached by a pair, so never above the truth."""
     best = 0.0
     for _ in range(starts):
         y, w = unit(draw, a.shape[1]), unit(draw, b.shape[1])
-        for _ in range(2000):
+        for _ in range(500):
             y = sphere_maximum(a, b @ w, y)
             w = sphere_maximum(b, a @ y, w)
         best = max(best, np.sum((a @ y + b @ w) ** 2))
@@ -67,23 +66,13 @@ def test_whitened_step_gives_the_value_of_the_moved_deviation(steps):
     )
 
 
-def test_whitened_step_refuses_an_indefinite_shape(steps):
-    across, response, shapes, _ = steps
-    with pytest.raises(ValueError, match="not positive definite: its least eigenvalue is -1"):
-        whitened_step(across[0], response[0], shapes[0], np.diag([1.0, 1.0, 1.0, -1.0]))
-    with pytest.raises(ValueError, match="not symmetric"):
-        whitened_step(across[0], response[0], np.eye(4) + np.eye(4, k=1), shapes[1])
-    with pytest.raises(ValueError, match="not finite"):
-        whitened_step(across[0], response[0], np.full((4, 4), np.nan), shapes[1])
-
-
 def test_exact_level_is_reached_by_a_deviation_and_a_disturbance(steps):
     across, response, shapes, _ = steps
     levels = linear_exact(across, response, shapes, 0.7)
     draw = generator(3)
     for k in range(5):
         a, b = whitened_step(across[k], response[k], shapes[k], shapes[k + 1])
-        reached = alternating_maximum(np.sqrt(levels[k]) * a, b, draw, starts=8)
+        reached = alternating_maximum(np.sqrt(levels[k]) * a, b, draw, starts=4)
         np.testing.assert_allclose(levels[k + 1], reached, rtol=1e-8)
         assert levels[k + 1] >= reached * (1 - 1e-12)
 
@@ -115,27 +104,6 @@ def test_triangle_is_never_below_exact_and_equal_for_one_state(steps):
     assert (triangle[1:] > exact[1:] * 1.001).all()
     scalar = across[:, :1, :1], response[:, :1, :1], shapes[:, :1, :1]
     np.testing.assert_allclose(linear_triangle(*scalar, 0.7), linear_exact(*scalar, 0.7), rtol=1e-8)
-
-
-def test_recursions_refuse_lengths_that_do_not_fit(steps):
-    across, response, shapes, _ = steps
-    with pytest.raises(ValueError, match="8 shapes need 7 steps between them, not 5"):
-        linear_exact(across, response, np.concatenate([shapes, shapes[:2]]), 1.0)
-
-
-def test_joint_ellipsoid_is_the_image_of_the_joint_ball(steps):
-    across, response, _, initial_set = steps
-    ellipsoids = joint_ellipsoid(across, response, initial_set)
-    image = np.hstack([np.sqrt(2) * np.linalg.inv(np.linalg.cholesky(initial_set)).T, np.zeros((4, 2))])
-    for k in range(5):
-        image = across[k] @ image
-        image[:, 4:] += response[k]
-        np.testing.assert_allclose(ellipsoids[k + 1], image @ image.T, rtol=1e-11, atol=1e-12)
-    # What a funnel allows is more: initial deviation and disturbance on their boundaries at once.
-    draw = generator(4)
-    ends = (image @ np.hstack([unit(draw, 20_000, 4), unit(draw, 20_000, 2)]).T).T
-    squared = np.einsum("mi,mi->m", ends, np.linalg.solve(ellipsoids[-1], ends.T).T)
-    assert 1.2 < squared.max() <= 2
 
 
 def test_minkowski_shape_contains_the_reachable_set_and_is_the_least_of_its_kind(steps):

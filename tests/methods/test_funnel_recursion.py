@@ -19,7 +19,6 @@ from marsedl.methods.funnels.recursion import (
 )
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos import verification
-from marsedl.methods.sos.conic_program import conic
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
@@ -130,20 +129,6 @@ def test_dubins_funnels_have_the_levels_of_an_independent_computation():
     np.testing.assert_allclose(linear[::10], [0.15, 0.11973, 0.09293, 0.06875, 0.04583], atol=6e-6)
 
 
-def test_funnel_tells_how_its_stages_were_closed(calm_funnel):
-    funnel = calm_funnel
-    assert len(funnel.rho) == 21
-    assert len(funnel.status) == 20
-    assert np.abs(funnel.gap).max() < 1e-6
-    assert funnel.residual.max() < 1e-6
-    assert funnel.iterations.min() >= 3
-    np.testing.assert_array_equal(funnel.programs, 1)
-    np.testing.assert_array_equal(funnel.growth, funnel.polynomial_bound)
-    np.testing.assert_allclose(funnel.rho[1:] / funnel.rho[:-1], funnel.growth, rtol=1e-14)
-    assert np.isnan(funnel.violation).all()
-    assert funnel.verifications == ()
-
-
 def test_bound_of_every_stage_is_reached_by_its_polynomial(windy, windy_funnel):
     """The sums-of-squares bound is neither below nor far above the largest value that an ascent finds."""
     loop, shapes, slices = windy
@@ -166,19 +151,6 @@ def test_first_order_funnel_is_the_linear_recursion(calm, windy):
             np.testing.assert_allclose(funnel.growth, np.linalg.eigvals(moved).real.max(axis=1), rtol=2e-7)
 
 
-@pytest.mark.parametrize("condition", ["flow", "euler"])
-def test_funnel_scales_with_its_lyapunov_function(windy, condition):
-    loop, shapes, slices = windy
-    one = forward(loop, shapes, slices, 0.15, WINDY, StageRule(condition=condition))
-    scaled = forward(loop, 1e4 * shapes, slices, 1500.0, WINDY, StageRule(condition=condition), limit=1e5)
-    np.testing.assert_allclose(scaled.rho, 1e4 * one.rho, rtol=1e-6)
-
-
-def test_funnel_does_not_depend_on_the_samples(windy):
-    levels = [forward(*windy, 0.15, design).rho for design in (WINDY, well_chosen_design(Spheres((3, 2)), 2))]
-    np.testing.assert_allclose(*levels, rtol=2e-6)
-
-
 def test_levels_increase_with_the_initial_set_and_with_the_disturbance(calm, windy, calm_funnel, windy_funnel):
     larger = forward(*windy, 0.16, WINDY)
     assert (larger.rho > windy_funnel.rho).all()
@@ -193,8 +165,8 @@ def test_levels_increase_with_the_initial_set_and_with_the_disturbance(calm, win
 def test_no_flight_leaves_the_funnel_and_some_come_close(wind, calm_funnel, windy_funnel):
     """Neither at the slices nor at the fine steps between, where the level is interpolated."""
     funnel = windy_funnel if wind else calm_funnel
-    values = flights(dubins(wind, every=1), 0.15, 4000, seed=3)
-    ratios = values.max(axis=1) / funnel.levels(np.arange(81))
+    values = flights(dubins(wind, every=1), 0.15, 2000, seed=3)
+    ratios = values.max(axis=1) / np.interp(np.arange(81), funnel.slices, funnel.rho)
     assert ratios.max() <= 1 + 1e-12
     assert ratios.min() > 0.75
 
@@ -209,23 +181,6 @@ def test_literal_samples_make_a_funnel_without_memory(windy):
     np.testing.assert_allclose(funnels[1].rho[1:], funnels[0].rho[1:], rtol=1e-6)
     whitened = [forward(*windy, level, WINDY, StageRule(condition="euler")).rho[-1] for level in (0.15, 0.3)]
     assert whitened[1] > 1.2 * whitened[0]
-
-
-def test_euler_and_flow_bounds_differ_by_the_square_of_the_step():
-    """From the same slices; the signed difference is of either sign, so that Euler bounds no step."""
-    mean = []
-    for every in (1, 2):
-        loop, shapes, slices = dubins(every=every)
-        funnel = forward(loop, shapes, slices, 0.15, CALM)
-        stages = [
-            FunnelStage(loop, slices[k], slices[k + 1], shapes[k], shapes[k + 1], funnel.rho[k], condition="euler")
-            for k in range(len(slices) - 1)
-        ]
-        euler = np.array([rank_one(stage.values(CALM.points), CALM.basis).safe_bound for stage in stages])
-        difference = euler / funnel.growth - 1
-        assert difference.min() < 0 < difference.max()
-        mean.append(np.abs(difference).mean())
-    np.testing.assert_allclose(np.log2(mean[1] / mean[0]), 2, atol=0.2)
 
 
 def test_inflated_funnel_covers_what_the_truncation_leaves_out(windy):
@@ -305,35 +260,10 @@ def test_backward_funnel_finds_the_edge_of_attraction():
     np.testing.assert_allclose(errors[1] / errors[2], 2, atol=0.15)
 
 
-@pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
-def test_generic_solvers_give_the_same_levels(windy, windy_funnel, solver):
-    loop, shapes, slices = windy
-    funnel = forward(loop, shapes[:4], slices[:4], 0.15, WINDY, StageRule(solver=partial(conic, solver=solver)))
-    np.testing.assert_allclose(funnel.rho, windy_funnel.rho[:4], rtol=3e-6)
-
-
-def test_verification_is_asked_of_every_stage_and_carried(calm):
+def test_stages_are_verified_and_one_that_fails_its_check_makes_no_funnel(calm):
     loop, shapes, slices = calm
-    margins = []
-
-    def verify(design, certificate, polynomial):
-        margins.append(np.max(certificate.safe_bound - polynomial(design.points)))
-        return len(margins)
-
-    levels = []
-    report = lambda number, level: levels.append((number, level))  # noqa: E731
-    funnel = forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=verify), progress=report)
-    assert funnel.verifications == (1, 2, 3)
-    assert min(margins) >= 0
-    assert levels == [(k + 1, funnel.rho[k]) for k in (1, 2, 3)]
-    returned = backward(loop, shapes[:4], slices[:4], funnel.rho[-1], CALM, StageRule(verify=verify))
-    assert returned.verifications == (6, 5, 4)
     checked = forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=partial(verification.verify, seed=3)))
     assert all(check.sound and check.identity_error < 1e-6 for check in checked.verifications)
-
-
-def test_a_certificate_that_fails_its_check_makes_no_funnel(calm):
-    loop, shapes, slices = calm[:3]
     strict = partial(verification.verify, seed=3, tolerance=0.0)  # no identity of floating point numbers is exact
     with pytest.raises(FunnelError, match=r"stage from slice 1 of 4 .* fails its check: its identity is off by"):
         forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=strict))
@@ -345,7 +275,6 @@ def test_half_widths_and_volumes_of_slices():
     funnel = Funnel(np.array([0, 10]), shapes, np.array([0.5, 2.0]), *[nothing] * 8, ("optimal",), ())
     np.testing.assert_allclose(funnel.half_widths, [[0.5, 1, 2], [2, 2, 2]])
     np.testing.assert_allclose(np.exp(funnel.log_volumes), [4 / 3 * np.pi, 4 / 3 * np.pi * 8])
-    np.testing.assert_allclose(funnel.levels([0, 4, 10]), [0.5, 1.1, 2.0])
     tilted = replace(funnel, shapes=np.array([[[2.0, 1.0], [1.0, 2.0]]] * 2))
     boundary = np.sqrt(2 * 0.5) * np.linalg.solve(np.linalg.cholesky(tilted.shapes[0]).T, unit(20_000, 2, 1).T)
     np.testing.assert_allclose(tilted.half_widths[0], boundary.max(axis=1), rtol=1e-6)
@@ -365,16 +294,10 @@ def test_half_widths_and_volumes_of_slices():
             {"rule": StageRule(solver=partial(rank_one, iterations=2))},
             r"stage from slice 1 of 21 .* not closed: not converged .*\(gap",
         ),
-        ({"design": WINDY}, r"design must be on spheres \(3,\), not \(3, 2\)"),
         (
             {"rule": StageRule(order=4)},
             "basis of degree 2 cannot carry the polynomial of degree 5 of a stage of order 4",
         ),
-        ({"slices": np.arange(1, 82, 4)}, "two or more fine steps, increasing, within 0 [.][.][.] 80"),
-        ({"slices": np.arange(0, 80, 4)}, "20 slices need as many shapes, not 21"),
-        ({"additive": -np.ones(20)}, "additive must be 20 growths of 0 or more"),
-        ({"first_level": np.nan}, "rho must be positive and finite, not nan"),
-        ({"rule": StageRule(condition="midpoint")}, "condition must be one of flow, euler"),
     ],
 )
 def test_errors_name_slice_and_cause(calm, changes, message):
@@ -382,20 +305,6 @@ def test_errors_name_slice_and_cause(calm, changes, message):
     arguments = {"loop": loop, "shapes": shapes, "slices": slices, "first_level": 0.15, "design": CALM} | changes
     with pytest.raises(FunnelError, match=message):
         forward(**arguments)
-
-
-def test_an_indefinite_shape_is_refused_before_any_stage_is_solved(calm):
-    loop, shapes, slices = calm
-    shapes = shapes.copy()
-    shapes[3] = np.diag([1.0, 1.0, -2.0])
-    for run in (forward, backward):
-        with pytest.raises(FunnelError, match=r"P of slice 4 of 21 \(t = 0.6 s\) is not positive definite: .* is -2"):
-            run(loop, shapes, slices, 0.15, CALM, StageRule(solver=None))
-
-
-def test_backward_funnel_says_why_no_level_was_tried_with_success(calm):
-    with pytest.raises(FunnelError, match=r"stage from slice 20 of 21 .* not closed: not converged"):
-        backward(*calm, 0.05, CALM, StageRule(solver=partial(rank_one, iterations=2)))
 
 
 def test_a_diverging_funnel_says_where_and_in_what():
@@ -411,9 +320,3 @@ def test_euler_condition_with_too_long_a_step_is_refused():
     loop, design = scalar_loop(lambda x, u, w: u, duration=4.0), well_chosen_design(Spheres((1,)), 1)
     with pytest.raises(FunnelError, match=r"the euler condition leaves no slice after slice 1 of 2 .* -7 rho_k"):
         forward(loop, np.ones((2, 1, 1)), [0, 40], 0.3, design, StageRule(condition="euler"))
-
-
-def test_a_polynomial_that_is_not_finite_is_refused():
-    loop = scalar_loop(lambda x, u, w: u + 1e200 * x * x * x)
-    with pytest.raises(FunnelError, match=r"stage from slice 1 of 2 .* at rho = 1e\+100 is not finite"):
-        forward(loop, np.ones((2, 1, 1)), [0, 40], 1e100, well_chosen_design(Spheres((1,)), 1))

@@ -120,8 +120,8 @@ def test_enclosure_contains_the_flow():
             assert errors.max() <= component.remainder < 30 * errors.max()
 
 
-@pytest.mark.parametrize("rho", [0.02, 0.1, 0.3])
-def test_bound_holds_on_the_whole_slice_and_is_close_to_the_truth(rho):
+def test_bound_holds_on_the_whole_slice_and_is_close_to_the_truth():
+    rho = 0.3
     stage = FunnelStage(PENDULUM, 0, 4, SHAPE, NEXT_SHAPE, rho)
     design = well_chosen_design(Spheres((2, 2)), 1)
     certificate = rank_one(stage.values(design.points), design.basis)
@@ -150,7 +150,7 @@ def test_linear_system_has_nothing_to_leave_out():
     assert proven.rise == 0.0
 
 
-@pytest.mark.parametrize(("order", "model_order"), [(2, 2), (2, 3), (3, 4), (3, 5)])
+@pytest.mark.parametrize(("order", "model_order"), [(2, 2), (3, 5)])
 def test_orders_in_the_radius(order, model_order):
     """All sets shrink with the radius: degree d of the squared norm, relative to its own square, falls with d - 2."""
 
@@ -263,7 +263,6 @@ def test_covering_samples_bound_the_whole_ball_of_disturbances():
     ("level", "spheres", "order", "message"),
     [
         (1e6, (2, 3), 3, r"nothing is proven after slice 1, rho = 1e\+06: .* too large"),
-        (0.1, (2, 2), 3, r"design must be on Spheres\(dimensions=\(2, 3\)\), not on"),
         (0.1, (2, 3), 4, "basis of degree 2 cannot carry a polynomial of degree 5"),
     ],
 )
@@ -273,10 +272,9 @@ def test_stages_that_cannot_be_proven_are_named(level, spheres, order, message):
         list(proven_stages(PENDULUM, shapes, [0, 4], level, design, order))
 
 
-@pytest.mark.parametrize("first", [0, 40, 78])
-def test_stage_of_the_dubins_car_in_wind(first):
+def test_stage_of_the_dubins_car_in_wind():
     loop, shapes = dubins()
-    rho, last = 0.15, first + 2
+    rho, first, last = 0.15, 40, 42
     design = well_chosen_design(Spheres((3, 2)), 1)
     stage = FunnelStage(loop, first, last, shapes[first], shapes[last], rho)
     certificate = rank_one(stage.values(design.points), design.basis)
@@ -289,8 +287,6 @@ def test_stage_of_the_dubins_car_in_wind(first):
     ("change", "message"),
     [
         ({"shape": np.diag([1.0, -2.0])}, "least eigenvalue -2"),
-        ({"next_shape": np.diag([1.0, -2.0])}, "least eigenvalue -2"),
-        ({"rho": 0.0}, "must be positive"),
         ({"model_order": 2}, "order 2 do not hold"),
         ({"rho": 1e6}, "too large"),
     ],

@@ -104,8 +104,6 @@ def test_noise_is_symmetric_to_the_last_bit_and_positive():
     "changes, message",
     [
         ({"state_matrix": np.zeros((4, 2, 3, 2))}, "state_matrix must have shape"),
-        ({"control_matrix": np.zeros((4, 2, 2))}, "control_matrix must have shape"),
-        ({"noise_intensity": np.zeros((4, 1, 3, 3))}, "noise_intensity must have shape"),
         ({"step": np.array([1, 1, 0, 1])}, "step must be positive; entry 2"),
     ],
 )
@@ -130,36 +128,6 @@ def test_composition_equals_the_same_flight_in_one_piece():
     assert all(np.array_equal(a, b) for a, b in zip(compose(fine, np.arange(12)), fine, strict=True))
 
 
-def test_composition_without_feedback_keeps_the_covariance():
-    fine = discretized(12, 4)
-    starts = [0, 5, 6, 10]
-    covariance = propagate(fine, np.zeros((12, 3)), np.diag([1.0, 2.0, 0.0])).covariance
-    coarse = propagate(compose(fine, starts), np.zeros((4, 3)), np.diag([1.0, 2.0, 0.0])).covariance
-    assert np.allclose(coarse, covariance[[*starts, 12]], rtol=1e-13, atol=1e-14)
-
-
-@pytest.mark.parametrize("starts", [[], [1, 4], [0, 4, 4], [0, 12]])
-def test_impossible_compositions_are_refused(starts):
-    with pytest.raises(ValueError, match="starts must increase strictly from 0"):
-        compose(discretized(12, 1), starts)
-
-
-def test_covariance_is_that_of_the_linear_system_by_monte_carlo():
-    system, rng, trials = discretized(10, 4), np.random.default_rng(7), 40_000
-    gain = rng.normal(scale=0.5, size=(10, 3))
-    initial = np.array([[1.0, 0.3, 0.0], [0.3, 0.5, 0.0], [0.0, 0.0, 0.0]])
-    covariance, control_variance = propagate(system, gain, initial)
-    state = rng.multivariate_normal(np.zeros(3), initial, size=trials, method="eigh")
-    for k in range(10):
-        control = state @ gain[k]
-        assert np.var(control) == pytest.approx(control_variance[k], rel=5 * np.sqrt(2 / trials))
-        noise = rng.normal(size=(trials, 3)) @ np.linalg.cholesky(system.noise[k] + 1e-18 * np.eye(3)).T
-        state = state @ system.transition[k].T + control[:, None] * system.control[k] + noise
-    expected = covariance[-1]
-    error = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / trials)
-    assert (np.abs(np.cov(state.T) - expected) < 5 * error).all()
-
-
 def test_covariance_recursion_against_plain_matrix_products():
     system, rng = discretized(10, 2), np.random.default_rng(8)
     gain, expected = rng.normal(size=(10, 3)), np.diag([1.0, 0.0, 3.0])
@@ -181,13 +149,6 @@ def test_covariance_does_not_depend_on_the_units_of_the_states():
     plain, other = propagate(system, gain, initial), propagate(scaled, gain * unit, initial / np.outer(unit, unit))
     assert np.allclose(other.covariance * np.outer(unit, unit), plain.covariance, rtol=1e-12)
     assert np.allclose(other.control_variance, plain.control_variance, rtol=1e-12)
-
-
-def test_wrong_shapes_of_the_propagation_are_refused():
-    with pytest.raises(ValueError, match="gain must have shape"):
-        propagate(discretized(4, 1), np.zeros((4, 2)), np.eye(3))
-    with pytest.raises(ValueError, match="initial_covariance must have shape"):
-        propagate(discretized(4, 1), np.zeros((4, 3)), np.eye(2))
 
 
 RATES = np.array([-117.4, -3.358, -0.005, 486.0, 5.1e-5])

@@ -34,19 +34,12 @@ def entry_design():
 @pytest.mark.parametrize(("dimensions", "basis", "samples"), VARIETIES)
 def test_counts_are_the_ranks_of_the_full_monomials(dimensions, basis, samples):
     spheres = Spheres(dimensions)
-    points = spheres.random_points(700, generator())
+    points = spheres.random_points(spheres.sample_count(2) + 20, generator())
     values = spheres.evaluate(spheres.monomials(2), points)
     assert np.linalg.matrix_rank(values) == spheres.basis_dimension(2) == len(spheres.quotient_monomials(2))
     assert rank_of_products(values) == spheres.sample_count(2) == len(spheres.quotient_monomials(4))
     if basis:
         assert (spheres.basis_dimension(2), spheres.sample_count(2)) == (basis, samples)
-
-
-@pytest.mark.parametrize("degree", range(7))
-def test_hilbert_function_counts_the_quotient_monomials_of_every_degree(degree):
-    for dimensions in [(1,), (4,), (2, 3), (1, 2, 2)]:
-        spheres = Spheres(dimensions)
-        assert spheres.basis_dimension(degree) == len(spheres.quotient_monomials(degree))
 
 
 def test_quotient_monomials_are_independent_and_span_the_others_on_the_spheres():
@@ -65,19 +58,6 @@ def test_quotient_monomials_are_independent_and_span_the_others_on_the_spheres()
     assert np.abs(mismatch).max() > 0.1  # the relations hold on the spheres only
 
 
-def test_monomials_are_all_exponents_up_to_the_degree():
-    expected = {powers for powers in product(range(4), repeat=3) if sum(powers) <= 3}
-    rows = [tuple(row) for row in Spheres((2, 1)).monomials(3).tolist()]
-    assert len(rows) == len(expected) and set(rows) == expected and rows[0] == (0, 0, 0)
-
-
-def test_values_of_monomials_equal_explicit_products():
-    spheres = Spheres((2, 1))
-    exponents, points = spheres.monomials(4), generator().standard_normal((5, 3))
-    expected = [[np.prod([x**a for x, a in zip(row, e, strict=True)]) for e in exponents] for row in points]
-    np.testing.assert_allclose(spheres.evaluate(exponents, points), expected, rtol=1e-13)
-
-
 def test_random_points_are_uniform_on_every_sphere():
     spheres, count = Spheres((6, 2)), 40_000
     points = spheres.random_points(count, generator())
@@ -90,23 +70,8 @@ def test_random_points_are_uniform_on_every_sphere():
     np.testing.assert_allclose(covariance, np.diag(np.repeat([1 / 6, 1 / 2], [6, 2])), atol=4 / np.sqrt(count))
 
 
-@pytest.mark.parametrize("dimensions", [(), (0,), (3, -1), (2.5,), 6, ("a",), None])
-def test_spheres_refuse_bad_dimensions(dimensions):
-    with pytest.raises(ValueError, match="positive whole numbers"):
-        Spheres(dimensions)
-
-
-def test_points_of_another_variety_are_refused():
-    spheres = Spheres((3,))
-    for points in (np.zeros((4, 2)), np.zeros(3)):
-        with pytest.raises(ValueError, match="rows of 3 coordinates"):
-            spheres.evaluate(spheres.monomials(1), points)
-    with pytest.raises(ValueError, match="whole number"):
-        spheres.monomials(-1)
-
-
-@pytest.mark.parametrize(("dimensions", "basis", "samples"), VARIETIES)
-def test_well_chosen_samples_are_as_few_as_can_be(dimensions, basis, samples):
+@pytest.mark.parametrize("dimensions", [(6,), (3, 2), (2, 2, 1)])
+def test_well_chosen_samples_are_as_few_as_can_be(dimensions):
     design = well_chosen_design(Spheres(dimensions), seed=3)
     assert len(design.points) == design.rank == design.needed
     np.testing.assert_allclose(design.spheres.project(design.points), design.points, atol=1e-15)
@@ -118,17 +83,7 @@ def test_well_chosen_samples_interpolate_better_than_random_ones(entry_design):
     spheres = entry_design.spheres
     exponents = spheres.quotient_monomials(4)
     chosen = condition_number(spheres.evaluate(exponents, entry_design.points))
-    of_random = [
-        condition_number(spheres.evaluate(exponents, random_design(spheres, 406, seed).points)) for seed in range(3)
-    ]
-    assert chosen < min(of_random) / 4
-
-
-def test_design_depends_on_the_seed_alone(entry_design):
-    again, other = (well_chosen_design(Spheres((6, 2)), seed) for seed in (1, 2))
-    np.testing.assert_array_equal(again.points, entry_design.points)
-    np.testing.assert_array_equal(again.basis, entry_design.basis)
-    assert not np.array_equal(other.points, entry_design.points)
+    assert chosen < condition_number(spheres.evaluate(exponents, random_design(spheres, 406, 0).points)) / 4
 
 
 def test_orthonormal_basis_is_orthonormal_at_the_samples_and_the_same_functions_elsewhere(entry_design):
@@ -138,11 +93,10 @@ def test_orthonormal_basis_is_orthonormal_at_the_samples_and_the_same_functions_
     spheres = Spheres((3, 2))
     fresh = spheres.random_points(300, generator())
     reference = spheres.evaluate(spheres.quotient_monomials(2), fresh)
-    for family in ("orthonormal", "monomial", "hermite"):
-        values = well_chosen_design(spheres, 1, basis=family).evaluate(fresh)
-        coefficients, _, rank, _ = np.linalg.lstsq(reference, values)
-        assert rank == 19
-        np.testing.assert_allclose(reference @ coefficients, values, atol=1e-11)
+    values = well_chosen_design(spheres, 1).evaluate(fresh)
+    coefficients, _, rank, _ = np.linalg.lstsq(reference, values)
+    assert rank == 19
+    np.testing.assert_allclose(reference @ coefficients, values, atol=1e-11)
 
 
 def test_hermite_products_are_orthonormal_for_normal_variables():
@@ -169,13 +123,6 @@ def test_conditioning_of_the_bases():
     assert condition_number(spheres.evaluate(exponents, speeds), 43) > 1e8 * monomial
 
 
-def test_condition_number_of_a_known_matrix():
-    remaining, _ = np.linalg.qr(generator().standard_normal((8, 4)))
-    values = remaining * np.array([8.0, 4.0, 2.0, 0.5])
-    assert condition_number(values) == pytest.approx(16)
-    assert condition_number(values, rank=3) == pytest.approx(4)
-
-
 def test_rank_of_products_is_the_rank_of_the_squared_inner_products():
     spheres = Spheres((3, 2))
     design = random_design(spheres, 60, 4, allow_deficient=True)
@@ -193,15 +140,6 @@ def test_samples_that_do_not_suffice_are_refused():
     assert random_design(spheres, 100, 1, allow_deficient=True).rank == 100
     with pytest.raises(ValueError, match="determine 42 of 43 basis polynomials"):
         random_design(spheres, 42, 1, allow_deficient=True)
-    with pytest.raises(ValueError, match="unknown basis 'chebyshev'; choose from orthonormal"):
-        well_chosen_design(spheres, 1, basis="chebyshev")
-
-
-def test_redundant_samples_are_removed():
-    design = random_design(Spheres((3, 2)), 130, 1)
-    reduced = design.reduced()
-    assert len(reduced.points) == reduced.rank == design.needed == 85
-    assert reduced.reduced() is reduced
-    fresh = design.spheres.random_points(10, generator())
-    np.testing.assert_array_equal(reduced.evaluate(fresh), design.evaluate(fresh))
-    np.testing.assert_allclose(reduced.basis, design.evaluate(reduced.points), atol=1e-12)
+    for dimensions in [(), (0,), (2.5,), 6]:
+        with pytest.raises(ValueError, match="positive whole numbers"):
+            Spheres(dimensions)

@@ -4,7 +4,7 @@ import pytest
 
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.sos import conic_program
-from marsedl.methods.sos.conic_program import ConicProgram, conic
+from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
 from marsedl.methods.sos.sampled_program import rank_one
@@ -23,51 +23,35 @@ def random_quartic(dimensions, seed):
     return coefficients, lambda points: spheres.evaluate(exponents, points) @ coefficients
 
 
-@pytest.fixture(scope="module")
-def entry_size():
-    """Program, design and quartic in the size of the entry funnel: S^5 x S^1."""
-    return well_chosen_design(Spheres((6, 2)), 1), *random_quartic((6, 2), 3)
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("dimensions", [(3,), (2, 2), (3, 2)])
-def test_samples_and_multipliers_give_one_bound(dimensions, seed):
-    coefficients, function = random_quartic(dimensions, seed)
+@pytest.mark.parametrize("dimensions", [(3,), (3, 2)])
+def test_samples_and_multipliers_give_one_bound(dimensions):
+    coefficients, function = random_quartic(dimensions, 1)
     design = well_chosen_design(Spheres(dimensions), 1)
     values = function(design.points)
     sampled = rank_one(values, design.basis, tolerance=1e-8)
-    matched = MultiplierProgram(dimensions).solve(coefficients)
-    generic = conic(values, design.basis)
-    assert matched.status == generic.status == "optimal"
-    assert matched.bound == pytest.approx(sampled.bound, abs=1e-6 * np.ptp(values))
-    assert generic.bound == pytest.approx(sampled.bound, abs=1e-6 * np.ptp(values))
-    # And neither is below what the polynomial reaches.
-    assert matched.safe_bound >= maximize(function, dimensions, seed)[0]
+    for solver in ("CLARABEL", "SCS"):
+        matched = MultiplierProgram(dimensions, solver=solver).solve(coefficients)
+        assert matched.status == "optimal"
+        assert matched.bound == pytest.approx(sampled.bound, abs=1e-6 * np.ptp(values))
+        # And it is not below what the polynomial reaches.
+        assert matched.safe_bound >= maximize(function, dimensions, 1)[0]
 
 
-def test_samples_and_multipliers_give_one_bound_in_the_size_of_the_entry_funnel(entry_size):
-    design, coefficients, function = entry_size
+def test_samples_and_multipliers_give_one_bound_in_the_size_of_the_entry_funnel():
+    coefficients, function = random_quartic((6, 2), 3)
+    design = well_chosen_design(Spheres((6, 2)), 1)
     sampled = rank_one(function(design.points), design.basis)
     matched = MultiplierProgram((6, 2), solver="SCS").solve(coefficients)
-    highest, _ = maximize(function, (6, 2), 1)
     assert matched.bound == pytest.approx(sampled.bound, rel=1e-7)
     # This quartic has a tight bound.
-    assert highest <= matched.safe_bound < highest * (1 + 1e-6)
-
-
-def test_both_solvers_agree_on_the_multiplier_form(entry_size):
-    _, coefficients, _ = entry_size
-    first, second = (MultiplierProgram((6, 2), solver=solver).solve(coefficients) for solver in ("CLARABEL", "SCS"))
-    assert first.status == second.status == "optimal"
-    assert first.bound == pytest.approx(second.bound, rel=1e-7)
-    assert max(abs(first.gap), abs(second.gap)) < 1e-7
+    assert 0 <= matched.safe_bound / maximize(function, (6, 2), 1)[0] - 1 < 1e-6
 
 
 def test_both_solvers_agree_on_the_sampled_form():
     _, function = random_quartic((3, 2), 5)
     design = well_chosen_design(Spheres((3, 2)), 1)
     values = function(design.points)
-    first, second = (conic(values, design.basis, solver) for solver in ("CLARABEL", "SCS"))
+    first, second = (ConicProgram(design.basis, solver).solve(values) for solver in ("CLARABEL", "SCS"))
     expected = rank_one(values, design.basis, tolerance=1e-9)
     for certificate in (first, second):
         assert certificate.status == "optimal"
@@ -80,15 +64,6 @@ def test_both_solvers_agree_on_the_sampled_form():
         assert certificate.multipliers.sum() == pytest.approx(1.0, abs=1e-12)
         moments = design.basis.T @ (certificate.multipliers[:, None] * design.basis)
         assert np.linalg.eigvalsh(moments)[0] > -1e-5 * np.linalg.norm(moments)
-
-
-def test_a_compiled_program_gives_every_polynomial_its_own_bound():
-    design = well_chosen_design(Spheres((3,)), 1)
-    program = ConicProgram(design.basis)
-    for seed in range(3):
-        _, function = random_quartic((3,), seed)
-        values = function(design.points)
-        assert program.solve(values).bound == conic(values, design.basis).bound
 
 
 def test_the_largest_eigenvalue_is_the_bound_of_a_quadratic_form():
@@ -110,11 +85,9 @@ def test_the_identity_holds_away_from_the_spheres_too(full_ball):
     program = MultiplierProgram((3, 2), full_ball)
     certificate = program.solve(coefficients)
     anywhere = generator(8).standard_normal((200, 5))
-    right = program.right_hand_side(certificate, anywhere)
-    np.testing.assert_allclose(certificate.bound - function(anywhere), right, atol=1e-5)
-    assert np.abs(right).max() > 10  # so that the tolerance means something
-    # Term by term: squares, multipliers times what vanishes or is positive.
-    z, n = program.evaluate(anywhere), program.spheres
+    # Squares, and multipliers times what vanishes or is positive.
+    n = program.spheres
+    z = n.evaluate(n.monomials(2), anywhere)
     expected = np.einsum("mi,ij,mj->m", z, certificate.gram, z)
     free = z @ certificate.multipliers.T  # of degree 2, as z
     expected += free[:, 0] * (np.sum(anywhere[:, :3] ** 2, axis=1) - 1)
@@ -125,7 +98,8 @@ def test_the_identity_holds_away_from_the_spheres_too(full_ball):
         assert np.linalg.eigvalsh(certificate.ball_grams[0])[0] > -1e-12
     else:
         expected += free[:, 1] * excess
-    np.testing.assert_allclose(right, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(certificate.bound - function(anywhere), expected, atol=1e-5)
+    assert np.abs(expected).max() > 10  # so that the tolerance means something
 
 
 def test_the_full_disc_counts_where_the_worst_disturbance_lies_inside():
@@ -149,32 +123,6 @@ def test_the_full_disc_counts_where_the_worst_disturbance_lies_inside():
     assert circle < disc - 0.5
 
 
-def test_both_balls_may_be_full():
-    # Highest at the two centres.
-    def function(x):
-        return 1 - np.sum((x[:, :3] - 0.2) ** 2, axis=1) - np.sum((x[:, 3:] + 0.3) ** 2, axis=1) ** 2
-
-    coefficients, _ = polynomial_coefficients(function, 5, 4, 1)
-    programs = [MultiplierProgram((3, 2), flags) for flags in (False, (False, True), (True, False), (True, True))]
-    certificates = [program.solve(coefficients) for program in programs]
-    for program, certificate in zip(programs, certificates, strict=True):
-        highest, _ = maximize(function, (3, 2), 1, program.full_ball)
-        assert highest <= certificate.safe_bound < highest + 1e-6
-        assert len(certificate.ball_grams) == sum(program.full_ball)
-    assert certificates[3].bound == pytest.approx(1.0, abs=1e-6)
-    assert certificates[0].bound < min(certificates[1].bound, certificates[2].bound) < certificates[3].bound
-
-
-def test_the_full_disc_costs_nothing_where_the_worst_disturbance_lies_on_its_circle():
-    # Convex in the disturbance.
-    def function(x):
-        return np.sum((x[:, :2] @ np.array([[1.0, 0.3], [-0.2, 0.7]]) + 0.4 * x[:, 2:]) ** 2, axis=1)
-
-    coefficients, _ = polynomial_coefficients(function, 4, 4, 1)
-    circle, disc = (MultiplierProgram((2, 2), full).solve(coefficients) for full in (False, True))
-    assert disc.bound == pytest.approx(circle.bound, rel=1e-7)
-
-
 @pytest.mark.parametrize("full_ball", [False, True])
 def test_a_coarse_solution_is_corrected_by_its_residual(full_ball):
     below = 0
@@ -195,7 +143,7 @@ def test_the_proven_bound_repairs_anything(full_ball):
     random = generator(3)
     program = MultiplierProgram((2, 2), full_ball)
     balls = sum(full_ball)
-    for seed in range(20):
+    for seed in range(5):
         coefficients, function = random_quartic((2, 2), seed)
         gram, ball_grams = random.standard_normal((15, 15)), random.standard_normal((balls, 5, 5))
         multipliers = random.standard_normal((2 - balls, 15))
@@ -209,18 +157,6 @@ def test_the_proven_bound_repairs_an_indefinite_matrix_of_the_ball():
     coefficients = -1.0 * (program.exponents.max(axis=1) == 2)
     proven = program.proven_bound(coefficients, -1.0, np.zeros((3, 3)), np.zeros((0, 1)), np.array([[[-1.0]]]))
     assert 0 <= proven < 1e-11
-
-
-def test_the_proven_bound_is_sharper_than_the_sum_of_the_residual(entry_size):
-    _, coefficients, function = entry_size
-    program = MultiplierProgram((6, 2), solver="SCS", tolerance=1e-2)
-    certificate = program.solve(coefficients)
-    residual, _ = polynomial_coefficients(
-        lambda x: certificate.bound - function(x) - program.right_hand_side(certificate, x), 8, 4, 1
-    )
-    assert certificate.residual == pytest.approx(np.abs(residual).max(), rel=1e-6)
-    assert certificate.safe_bound >= maximize(function, (6, 2), 1)[0]
-    assert 0 < certificate.safe_bound - certificate.bound < 0.5 * np.abs(residual).sum()
 
 
 def test_the_proven_bound_keeps_what_is_exact():
@@ -272,15 +208,11 @@ def test_an_unfinished_solution_says_so(monkeypatch):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: MultiplierProgram((3, 0)), "dimensions"),
         (lambda: MultiplierProgram((3, 2), (True,)), "one flag of a full ball for each of 2 spheres"),
         (lambda: MultiplierProgram((3,), solver="MOSEK"), "solver must be one of CLARABEL, SCS"),
-        (lambda: MultiplierProgram((3,), degree=0), "degree"),
         (lambda: MultiplierProgram((3,)).solve(np.ones(3)), "expected 35 finite coefficients"),
         (lambda: MultiplierProgram((3,)).solve(np.full(35, np.nan)), "35 that are not finite"),
-        (lambda: ConicProgram(np.ones(3)), "finite matrix"),
-        (lambda: ConicProgram(np.ones((4, 2)), solver="scs"), "solver must be one of"),
-        (lambda: conic(np.ones(3), np.ones((4, 2))), "expected 4 finite values"),
+        (lambda: ConicProgram(np.ones((4, 2))).solve(np.ones(3)), "expected 4 finite values"),
         (lambda: polynomial_coefficients(lambda x: x[:, 0], 3, 4, 1, points=30), "30 points do not determine 35"),
         (lambda: polynomial_coefficients(lambda x: x, 3, 4, 1), "1500 finite values"),
     ],

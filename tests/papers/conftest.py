@@ -26,7 +26,13 @@ DRAWN_TRIALS = 12
 # Sizes that only cost time, by paper.
 REDUCED = {
     # Algorithm 1 converges in under 100 iterations wherever it is asked to.
-    "powered_descent": {"fixed_point_iterations": 2000, "drawn_trials": DRAWN_TRIALS},
+    "powered_descent": {
+        "fixed_point_iterations": 2000,
+        "drawn_trials": DRAWN_TRIALS,
+        "choice_steps": np.array([0.05, 0.1]),
+        "choice_passes": 3,
+        "choice_mass_flow_constants": np.array([4.85e-4, 4.8558069e-4]),
+    },
     "stochastic_entry": {
         "drawn_trials": DRAWN_TRIALS,
         "trials": TRIALS,
@@ -34,7 +40,6 @@ REDUCED = {
         "source_trials": 300,
         "compared_trials": TRIALS,
         "combined_trials": 300,
-        "partition_study": np.array([2.0, 4.0, 8.0, 20.0]),
         "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
     },
     "random_field": {
@@ -42,13 +47,11 @@ REDUCED = {
         "trials": TRIALS,
         "paper_trials": 1000,
         "study_trials": 300,
-        "navigation_factors": np.array([1e-3, 0.1, 0.3, 1.0, 3.0]),
         "double_integrator_trials": TRIALS,
     },
     "desensitized": {
         "drawn_trials": DRAWN_TRIALS,
         "trials": TRIALS,
-        "search_starts": 3,
         "sweep_points": 9,
         "tuning_starts": 1,
         "gain_iterations": 60,
@@ -272,7 +275,7 @@ def funnels():
     """The funnels paper's stages; samples, which take a third of a second to choose, are chosen once."""
     with pytest.MonkeyPatch.context() as patch:
         chosen = cache(well_chosen_design)
-        for name in ("funnel", "stage_study", "programs", "proven", "dubins"):
+        for name in ("funnel", "programs", "proven", "dubins"):
             patch.setattr(f"marsedl.papers.funnels.{name}.well_chosen_design", chosen)
         yield Pipeline("funnels")
 

@@ -1,6 +1,5 @@
-"""Other solutions of the entry problem, and least fuel: local minima, folds, conditions, comparisons, thrust."""
+"""Other solutions of the entry problem, and least fuel: local minima, folds, conditions, thrust."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import null_space
 from scipy.optimize import linprog
 
-from marsedl.methods.collocation import SOLVED, Condition, Guess
+from marsedl.methods.collocation import SOLVED, Guess
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, midpoint_responses, midpoint_transitions
 from marsedl.papers.desensitized import branches as stage
@@ -21,14 +20,12 @@ from marsedl.replication.units import DEGREE
 # A coarse mesh and few weights: the same branches and fold, in seconds.
 SMALL = {
     "intervals": 40,
-    "search_starts": 3,
     "weight_rule": "proportional",
     "weight_factor": 1.0,
     "printed_weights": np.array([0.02, 0.589, 5.0, 40.0]),
     "infinite_weights": np.array([50.0, 60.0]),
     "weight_path": np.array([0.04, 0.06, 0.2, 1.5, 15.0]),
 }
-MIDDLE, FINER = 60, (120, 200)  # intervals on which least fuel is sought
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +49,8 @@ def branches(desensitized):
 
 
 @pytest.fixture(scope="module")
-def catalogue(inputs, nominal, path):
-    return inputs.call(stage.catalogue, nominal, path)
+def minima(inputs, nominal, path):
+    return inputs.call(stage.local_minima, nominal, path)
 
 
 @pytest.fixture(scope="module")
@@ -90,112 +87,18 @@ def stationarity(program, guess, given):
 # ---- local minima ----------------------------------------------------------------------------------------------------
 
 
-def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(branches, nominal):
-    assert branches.name[branches.nominal] == nominal.branch == "2 reversals"
-    assert branches.effort[branches.nominal] == pytest.approx(nominal.effort, rel=1e-7)
-    assert list(branches.name) == ["1 reversal", "2 reversals", "360 deg roll", "720 deg roll"]
-    assert (np.diff(branches.effort) > 0.0).all()
-    assert branches.effort[0] < 0.5 * nominal.effort
-    assert list(branches.rolls) == [0, 0, 1, 2]
-    assert branches.found.sum() + branches.failed_starts == branches.starts == 3
+def test_the_rows_lead_to_a_cheaper_solution(branches, nominal, minima):
+    assert branches.name.tolist() == ["2 reversals", "1 reversal"] and len(minima) == 2
+    assert branches.effort[0] == pytest.approx(nominal.effort, rel=1e-7)
+    assert branches.effort[1] < 0.5 * nominal.effort
 
 
-def test_every_solution_is_stationary_and_a_minimum(inputs, catalogue):
+def test_every_solution_is_stationary_and_a_minimum(inputs, minima):
     program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
-    for solution in catalogue.solutions:
+    for solution in minima:
         residual, curvature = stationarity(program, solution.guess(), entry_problem.given())
         assert residual < 1e-5
         assert curvature > 0.0
-
-
-def test_shaken_solutions_come_back(catalogue, inputs):
-    assert max(catalogue.returned) < 1e-6
-    assert np.abs(stage.normals(inputs.seed, stage.SHAKE_STREAM, range(4), 3)).min() > 1e-3  # they were shaken
-
-
-def mirrored(guess, turns):
-    states = guess.states * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])
-    states[:, BANK] += 2.0 * np.pi * turns
-    return guess._replace(states=states, controls=-guess.controls)
-
-
-def test_the_mirror_image_is_a_solution_and_counts_as_the_same(inputs, catalogue):
-    program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
-    north = inputs.changed(final_latitude=1e-3)
-    for solution in catalogue.solutions:
-        guess = mirrored(solution.guess(), 2)
-        other = inputs.call(stage.attempt, program, guess, barrier=WARM)
-        assert other.status == SOLVED
-        assert tradeoff.effort(other) == pytest.approx(tradeoff.effort(solution), rel=1e-8)
-        assert inputs.call(stage.alike, solution, other)
-        assert not north.call(stage.alike, solution, other)
-        back = inputs.call(stage.oriented, guess)
-        np.testing.assert_allclose(back.states, solution.states, atol=1e-8)
-        np.testing.assert_array_equal(back.controls, solution.controls)
-        assert north.call(stage.oriented, guess).states[0, BANK] == pytest.approx(-solution.states[0, BANK])
-
-
-def test_different_solutions_are_not_alike(inputs, catalogue):
-    for number, solution in enumerate(catalogue.solutions):
-        for other in catalogue.solutions[:number]:
-            assert not inputs.call(stage.alike, solution, other)
-
-
-def test_no_mirror_without_symmetry(inputs):
-    assert inputs.call(stage.symmetric)
-    for change in ({"entry_latitude": 1e-3}, {"entry_azimuth": 1.57}, {"initial_bank": 0.1}, {"final_bank_rate": 0.1}):
-        assert not inputs.changed(**change).call(stage.symmetric)
-    assert inputs.changed(initial_bank=0.0).call(stage.symmetric)
-
-
-def test_random_profiles_belong_to_their_start(inputs):
-    few, many = (list(inputs.changed(search_starts=number).call(stage.random_profiles, 250.0)) for number in (3, 200))
-    for (banks, times), (same, same_times) in zip(few, many, strict=False):
-        np.testing.assert_array_equal(banks, same)
-        np.testing.assert_array_equal(times, same_times)
-    assert {len(times) for _, times in many} == {1, 2, 3, 4}
-    assert all(len(banks) == len(times) + 1 and (np.diff(times) > 0.0).all() for banks, times in many)
-    banks = np.concatenate([banks for banks, _ in many])
-    assert np.abs(banks).max() < np.pi
-    assert abs(banks.mean()) < 4.0 * np.pi / np.sqrt(3.0 * len(banks))
-
-
-def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
-    banks, times = np.radians([-60.0, 70.0, 20.0]), [80.0, 150.0]
-    guess = inputs.call(stage.descent, banks, times, 100)
-    assert guess.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
-    apart = []
-    for intervals in (100, 200):
-        finer = inputs.changed(intervals=intervals)
-        declared = finer.call(entry_problem.problem)
-        simulated = finer.call(entry_problem.profile_guess, declared, banks, times, guess.final_time)
-        apart.append(np.abs(simulated.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
-        same = inputs.call(stage.descent, banks, times, intervals)
-        np.testing.assert_allclose(same.controls, simulated.controls, atol=1e-5 * np.abs(simulated.controls).max())
-        np.testing.assert_allclose(same.states[:, BANK], simulated.states[:, BANK], atol=3e-3)
-    # Held controls fly the profile up to the square of the interval.
-    assert apart[0].max() < 2e-2
-    assert np.linalg.norm(apart[0]) / np.linalg.norm(apart[1]) == pytest.approx(4.0, rel=0.15)
-
-
-def test_a_descent_that_is_short_or_never_comes_down_is_a_guess_all_the_same(inputs):
-    earliest, latest = inputs.final_time_bounds
-    diving = inputs.call(stage.descent, np.radians([180.0, 180.0]), [50.0], 40)
-    assert diving.final_time == earliest
-    assert diving.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
-    climbing = inputs.changed(entry_flight_path_angle=0.1)
-    skipped = climbing.call(stage.descent, np.zeros(2), [50.0], 40)
-    assert skipped.final_time == latest
-    assert np.isfinite(skipped.states).all()
-
-
-def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
-    monkeypatch.setattr(stage, "SEARCH_ITERATIONS", 2)
-    failed = inputs.call(stage.catalogue, nominal, path)
-    assert failed.failed_starts == inputs.search_starts
-    assert failed.roll_status == ["Maximum_Iterations_Exceeded"] * 2
-    assert [entry_problem.branch_name(s.states[:, BANK]) for s in failed.solutions] == ["1 reversal", "2 reversals"]
-    assert failed.start_counts == [0, 0]
 
 
 # ---- conditions on the bank ------------------------------------------------------------------------------------------
@@ -226,13 +129,10 @@ def test_conditions_are_at_the_values_given(inputs, nominal):
 
 
 @pytest.fixture(scope="module")
-def beside_the_fold(inputs, error_problem, catalogue, branches):
+def beside_the_fold(inputs, minima, path):
     """Points of the curve well before its fold and at its end."""
-    first = inputs.call(stage.held_at_own_error, error_problem, catalogue.solutions[catalogue.nominal])
-    errors = np.array([branches.curve_error[5], branches.fold_error, branches.curve_error[-1]])
-    points = inputs.call(stage.followed, error_problem.program, first, "norm", errors / inputs.tabulated_error)
-    assert inputs.call(stage.given_error, points[-1]) == pytest.approx(errors[-1])
-    return min(points, key=lambda point: abs(inputs.call(stage.given_error, point) - errors[0])), points[-1]
+    curve, _ = inputs.call(stage.nominal_curve, minima[0], path)
+    return curve[5], curve[-1]
 
 
 def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(branches, path):
@@ -285,11 +185,6 @@ def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, branc
     assert signs == [1.0, -1.0]
 
 
-def test_points_on_both_sides_of_the_fold_are_minima_at_their_error(error_problem, beside_the_fold):
-    for point in beside_the_fold:
-        assert stationarity(error_problem.program, point.guess(), point.given)[1] > 0.0
-
-
 def test_a_curve_without_a_fold_has_none(inputs, error_problem):
     points = [
         SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
@@ -300,72 +195,17 @@ def test_a_curve_without_a_fold_has_none(inputs, error_problem):
     assert len(curve) == 3
 
 
-# ---- other branches, comparison --------------------------------------------------------------------------------------
-
-
-def test_continued_branches_trade_energy_for_error(branches, path, inputs):
-    for number in set(branches.continued_solution):
-        here = branches.continued_solution == number
-        error = np.linalg.norm(branches.continued_error[here], axis=1)
-        assert branches.continued_effort[here][0] == pytest.approx(branches.effort[number], rel=1e-6)
-        assert error[0] == pytest.approx(np.linalg.norm(branches.error[number]), rel=1e-6)
-        assert (np.diff(branches.continued_weight[here]) > 0.0).all()
-        assert (np.diff(branches.continued_effort[here]) > -1e-9).all()
-        assert (np.diff(error) < 0.0).all()
-        assert branches.continued_weight[here][-1] == pytest.approx(40.0)
-    assert branches.nominal not in branches.continued_solution
-    # Beyond the fold the path over the weight is on the branch of one reversal.
-    last = np.flatnonzero(branches.continued_solution == 0)[-1]
-    assert branches.continued_effort[last] == pytest.approx(path.effort[4], rel=1e-6)
-
-
-def test_the_least_energy_at_a_rows_error_by_an_inequality(inputs, branches, catalogue):
-    """The same by J0 under a bound of the squared error, which is another program."""
-    extended = inputs.call(entry_problem.desensitized, [inputs.call(entry_problem.position_error, "radius")])
-    dominated = np.flatnonzero(branches.least_solution >= 0)
-    assert list(dominated) == [0, 1, 4]
-    assert list(branches.name[branches.least_solution[dominated]]) == ["1 reversal", "1 reversal", "360 deg roll"]
-    for row in dominated[:2]:
-        most = (branches.row_error[row] / inputs.tabulated_error) ** 2
-        bound = Condition("square", lambda start, end: inputs.call(stage.radius_norm, end) ** 2, -np.inf, most)
-        declared = replace(extended.problem, boundary=(*extended.problem.boundary, bound))
-        program = inputs.call(entry_problem.program, declared)
-        guess = extended.guess(catalogue.solutions[branches.least_solution[row]])
-        least = inputs.call(stage.attempt, program, guess, barrier=WARM)
-        assert least.status == SOLVED
-        assert branches.least_effort[row] == pytest.approx(tradeoff.effort(least), rel=1e-5)
-    assert branches.least_effort[4] == pytest.approx(branches.effort[2], rel=1e-6)  # the roll has it without any weight
-    np.testing.assert_array_equal(branches.least_effort[2:4], branches.row_effort[2:4])
-
-
-def test_dominance_needs_less_energy_at_no_larger_error():
-    rows = SimpleNamespace(
-        printed_weight=np.array([0.0, 1.0, np.nan]),
-        error=np.array([[8000.0, 0.0, 0.0], [0.0, 6000.0, 0.0], [1.0, 0.0, 0.0]]),
-        effort=np.array([1.0, 2.0, 9.0]),
-    )
-    candidates = [stage.Candidate(3, 0.9, 7999.0), stage.Candidate(4, 0.1, 8001.0), stage.Candidate(5, 1.99999, 6000.0)]
-    fields = stage.dominance(rows, candidates)
-    assert list(fields["least_solution"]) == [3, -1]
-    assert list(fields["least_effort"]) == [0.9, 2.0]
-    assert list(fields["row_weight"]) == [0.0, 1.0]
-
-
-def test_the_artifact_can_be_stored(branches, tmp_path):
-    artifacts.save(tmp_path / "branches.h5", branches, paper="desensitized", reading="corrected", provenance={})
-
-
 # ---- least fuel ------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def fuel_inputs(desensitized):
-    return desensitized.inputs("corrected", intervals=MIDDLE)
+    return desensitized.inputs("corrected", intervals=60)
 
 
 @pytest.fixture(scope="module")
 def fuel_nominal(desensitized):
-    return desensitized.nominal("corrected", intervals=MIDDLE)
+    return desensitized.nominal("corrected", intervals=60)
 
 
 @pytest.fixture(scope="module")
@@ -450,62 +290,6 @@ def test_a_linear_program_finds_no_less_fuel(fuel_inputs, way):
     assert best.fun == pytest.approx(fuel @ now, rel=1e-6)
 
 
-def test_finer_meshes_confirm_the_bursts(fuel_inputs, fuel_nominal, way):
-    bound, solutions = fuel_inputs.fuel_bounds[1], [way.last]
-    for intervals in FINER:
-        program = fuel_inputs.call(minimum_fuel.fuel_program, fuel_nominal, bound, intervals=intervals)
-        guess = solutions[-1].guess(intervals)
-        near = fuel_inputs.call(stage.attempt, program, guess, minimum_fuel.share(0.99), barrier=WARM)
-        solutions.append(fuel_inputs.call(stage.attempt, program, near, minimum_fuel.share(1.0), barrier=1e-6))
-        assert solutions[-1].status == SOLVED
-    solution_fields = [fuel_fields(fuel_inputs, solution) for solution in solutions]
-    assert [fields["bursts"] for fields in solution_fields] == [2, 2, 2]
-    assert [fields["reversals"] for fields in solution_fields] == [1, 1, 1]
-    # The fuel converges with the square of the interval, as the midpoint rule does.
-    fuel, square = np.array([[f["cumulative"], 1.0 / len(f["bank_acceleration"]) ** 2] for f in solution_fields]).T
-    slopes = np.diff(fuel) / np.diff(square)
-    assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
-    assert abs(slopes[0] * square[0]) < 0.01 * fuel[0]
-    # Thrust is short of the bound at the ends of bursts only: less and less, the finer the mesh.
-    for fields in solution_fields:
-        between = 1.0 - fields["coasting"] - fields["at_bound"]
-        assert between <= 2.0 * fields["bursts"] / len(fields["bank_acceleration"]) + 1e-9
-    starts = []
-    for solution in solutions:
-        on = np.abs(minimum_fuel.thrust(solution)) > 0.5 * bound
-        starts.append(solution.time[:-1][on & ~np.concatenate([[False], on[:-1]])])
-    np.testing.assert_allclose(starts[0], starts[-1], atol=way.last.time[1])
-
-
-def test_where_bursts_are_shorter_than_an_interval_none_comes_to_the_bound(desensitized, nominal, inputs):
-    wide = desensitized.minimum_fuel("corrected", **SMALL)
-    assert set(wide.status.ravel()) == {SOLVED}
-    step = np.diff(wide.time[0, 1])[0]
-    assert wide.cumulative[0, 1] / wide.bound[0] < step  # all thrust at the bound would not fill an interval
-    assert wide.at_bound[0, 1] == 0.0
-    assert 1.0 - wide.coasting[0, 1] <= 2.0 * wide.bursts[0, 1] / inputs.intervals
-    assert wide.bursts[:, 1].tolist() == [2, 2]
-    # Each is the least of what it minimises, and the bound costs.
-    assert (wide.cumulative[:, 1] < wide.cumulative[:, 2]).all()
-    assert (wide.effort[:, 2] < wide.effort[:, 1]).all()
-    assert wide.cumulative[0, 1] <= wide.cumulative[1, 1]
-    np.testing.assert_allclose(wide.effort[:, 0], nominal.effort, rtol=1e-5)
-    assert (wide.switching_violation < 1e-5).all()
-    # So coarse a mesh holds the nominal's branch all the way.
-    assert wide.branch_share.tolist() == [1.0, 1.0]
-    assert wide.reversals.tolist() == [[2, 2, 2], [2, 2, 2]]
-    np.testing.assert_array_equal(wide.branch_cumulative, wide.cumulative[:, 1])
-    np.testing.assert_allclose(wide.effort[:, 2], nominal.effort, rtol=1e-5)
-
-
-def test_thrust_within_a_bound_below_the_nominals(inputs, nominal):
-    bound = 0.8 * nominal.largest_bank_acceleration
-    tight = inputs.changed(fuel_bounds=np.array([1.0, bound]))
-    fields = tight.call(minimum_fuel.under_bound, nominal, bound)
-    assert np.abs(fields["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
-    assert fields["effort"][0] > nominal.effort
-
-
 def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     hopeless = inputs.changed(solver_iterations=2)
     record = hopeless.call(minimum_fuel.compute, nominal)
@@ -514,28 +298,6 @@ def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     assert (record.bursts == -1).all()
     assert np.isnan(record.branch_share).all()
     artifacts.save(tmp_path / "fuel.h5", record, paper="desensitized", reading="corrected", provenance={})
-
-
-def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
-    monkeypatch.setattr(minimum_fuel, "STEP_ITERATIONS", 1)
-    fields = inputs.call(minimum_fuel.under_bound, nominal, inputs.fuel_bounds[0])
-    assert fields["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
-    assert np.isnan(fields["cumulative"]).tolist() == [False, True, True]
-    assert np.isnan(fields["switching_violation"])
-    assert fields["branch_share"] == 0.0
-
-
-def test_shares_of_the_intervals(inputs):
-    controls = np.array([[1.0, 0.0], [0.5, 0.0], [0.0, 0.0], [0.0, 0.9995], [0.0, 0.3]])
-    solution = SimpleNamespace(time=np.arange(6.0), states=np.zeros((6, 8)), controls=controls)
-    fields = inputs.call(minimum_fuel.described, 1.0, solution, True)
-    assert (fields["coasting"], fields["at_bound"], fields["bursts"]) == pytest.approx((0.2, 0.4, 2))
-    assert fields["cumulative"] == pytest.approx(2.7995)
-
-
-def test_bursts_are_counted_by_beginning_and_sign():
-    assert minimum_fuel.bursts(np.array([1.0, 1.0, 0.0, 0.5, 0.0, -1.0, 1.0]), 1.0) == 4
-    assert minimum_fuel.bursts(np.array([0.0, 1e-4, -1e-4]), 1.0) == 0
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ studies beside them are stand-ins with what claims look at.
 
 import itertools
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,20 +19,11 @@ from marsedl.papers.desensitized.claims.measures import (
     CROSSRANGE,
     DOWNRANGE,
     LAW_OF,
-    PLAIN,
     RADIUS,
-    SHAPED,
 )
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import (
-    Branches,
-    Certificates,
-    FurtherPerturbations,
-    GainStudy,
-    LargerWeights,
-    MinimumFuel,
-)
+from marsedl.replication.artifacts import quantities
 from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import collect, judge, write_claims
 from marsedl.replication.units import DEGREE
@@ -45,10 +36,6 @@ SMALL = {
     "weight_path": np.array([0.03, 0.5, 6.0, 60.0, 600.0]),
     "infinite_weights": np.array([3e3, 1e4]),
     "all_columns_regularization": np.array([0.1]),
-}
-STUDIED = {  # rest on studies of `corrected`
-    *("min_fuel_bang_coast_bang", "min_energy_fuel_near_min_fuel"),
-    "dr_column_independent_of_scheme_and_shape",
 }
 FAILS = {
     *("more_reversals_when_desensitized", "fig04_phase2_crossrange_corrected", "fig04_phase3_lift_and_drag"),
@@ -71,22 +58,14 @@ CLOSE = {"tab03_c0p001", "tab03_c1", "tab03_cinf_error"}
 def stand_ins():
     """Studies of `corrected`, reduced to what claims look at."""
     return {
-        "gain_study": SimpleNamespace(
-            channel=np.array([0, 1, 2, 2]),
-            tuning_error=np.array([-1000.0, -200.0, 200.0, 1000.0]),
-            flown_error=np.array([[9.0] * 4, [7.0, 0.3, 0.3, 7.1], [1.9, 0.4, 0.3, 2.8], [np.nan, 9.0, 8.0, np.nan]]),
-        ),
         "branches": SimpleNamespace(
-            name=np.array(["1 reversal", "2 reversals"]),
+            name=np.array(["2 reversals", "1 reversal"]),
             set_fixed=np.array(list(itertools.product((False, True), repeat=4))),
             set_effort=np.linspace(0.12, 0.15, 16),
             set_cumulative=np.linspace(5.0, 5.5, 16) * DEGREE,
             curve_weight=np.array([0.02, 0.036, 0.03]),
             curve_effort=np.array([0.138, 0.14, 0.142]),
-            rolls=np.array([0, 0]),
-            effort=np.array([0.0491, 0.1378]),
-            row_weight=np.array([0.0, 0.001, 0.01, 0.1, 1.0]),
-            least_solution=np.array([0, 0, -1, -1, 2]),
+            effort=np.array([0.1378, 0.0491]),
         ),
         "minimum_fuel": SimpleNamespace(
             bound=np.array([5.0, 0.1]) * DEGREE,
@@ -98,31 +77,15 @@ def stand_ins():
             switching_violation=np.array([1e-9, 1e-8]),
             cumulative=np.array([[5.18, 2.46, 2.99], [5.18, 2.46, 2.99]]) * DEGREE,
             propellant=np.array([[0.204, 0.097, 0.118], [0.204, 0.097, 0.118]]),
-            branch_cumulative=np.array([4.44, 4.44]) * DEGREE,
-        ),
-        "larger_weights": SimpleNamespace(
-            weight=np.array([1e4, 1e5]), propellant=np.array([3.0, 10.6]), error=np.tile([0.0, 0.0, 5963.0], (2, 1))
         ),
         "certificates": SimpleNamespace(
             scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
             intervals=np.array([50, 100]),
             mesh_effort=np.array([[[0.1378, 0.1373], [0.1374, np.nan], [0.1373, 0.1373]]]),
             mesh_longitude_deviation=np.zeros((2, 3, 2)),
-            row_weight=np.zeros(7),
             row_longitude_deviation=np.zeros(7),
         ),
-        "further_perturbations": SimpleNamespace(row_linear_error=np.ones((7, 6, 3)), size=np.full(6, 0.05)),
     }
-
-
-TYPES = {
-    "gain_study": GainStudy,
-    "branches": Branches,
-    "larger_weights": LargerWeights,
-    "minimum_fuel": MinimumFuel,
-    "certificates": Certificates,
-    "further_perturbations": FurtherPerturbations,
-}
 
 
 @pytest.fixture(scope="module")
@@ -154,43 +117,6 @@ def rows(desensitized_published, evaluations):
     erratum_ids = {erratum.id for erratum in PAPER.errata}
     claim_rows = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
     return {row["id"]: row for row in claim_rows}
-
-
-# --- everything has its counterpart -----------------------------------------------------------------------------------
-
-
-def test_every_printed_claim_is_evaluated_in_every_reading(desensitized_published, evaluations):
-    claim_names = {name for name, claim in desensitized_published.items() if claim.kind != "context"}
-    assert len(claim_names) == 103
-    assert len(evaluations) == 7
-    for name, of_reading in evaluations.items():
-        assert set(of_reading) == claim_names, name
-        missing = {claim for claim, evaluation in of_reading.items() if evaluation is None}
-        assert missing == (set() if name == "corrected" else STUDIED), name
-
-
-def test_declarations_name_existing_claims_and_all_errata(desensitized_published):
-    erratum_ids = [erratum.id for erratum in PAPER.errata]
-    assert erratum_ids == [f"E{number}" for number in range(1, 19)]
-    assert set(DECLARATIONS) <= set(desensitized_published)
-    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(erratum_ids)
-    tolerances = {name: declaration.close for name, declaration in DECLARATIONS.items() if declaration.close}
-    assert {f"tab03_{row}" for row in ("c0", "c0p001", "c0p01", "c0p1", "c1", "cinf_error")} < set(tolerances)
-    for name, close in tolerances.items():
-        # No number is called close that is further off than the least J0 may be.
-        share = np.asarray(close.absolute) / np.abs(desensitized_published[name].printed)
-        assert (share < 0.033).all(), name
-
-
-def test_stand_ins_have_the_fields_of_the_artifacts():
-    for name, stand_in in stand_ins().items():
-        assert set(vars(stand_in)) <= {field.name for field in fields(TYPES[name])}, name
-
-
-def test_reasons_quote_numbers_that_exist(rows):
-    assert not [name for name, row in rows.items() if "{" in row["reason"] or "nan" in row["reason"].split()]
-    assert "2.1 times the least" in rows["min_energy_fuel_near_min_fuel"]["reason"]
-    assert "of 45 pairs of a row with a weight and an altitude" in rows["lower_altitude_when_desensitized"]["reason"]
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -237,28 +163,6 @@ def test_the_row_of_a_printed_weight_has_its_numbers(records, evaluations):
         assert error == pytest.approx(1000.0 * np.linalg.norm(records["linearization"].final[row, :, RADIUS]), rel=1e-6)
     assert corrected["tab03_cinf_error"].value == pytest.approx(np.linalg.norm(tradeoff.error[-1]))
     assert corrected["tab03_cinf_effort"].value[0] == tradeoff.effort[-1]
-
-
-def test_printed_numbers_would_be_reproduced(records, evaluate, desensitized_published):
-    """Every row of Table 3 and what follows from it."""
-    table = [desensitized_published[f"tab03_{row}"].printed for row in ("c0", "c0p001", "c0p01", "c0p1", "c1")]
-    last = [*desensitized_published["tab03_cinf_effort"].printed, desensitized_published["tab03_cinf_error"].printed]
-    effort, cumulative, fuel, error = np.array([*table, last, last], dtype=float).T
-    direction = np.array([0.0, 0.0, 1.0])
-    tradeoff = replace(
-        records["tradeoff"],
-        effort=effort,
-        cumulative=cumulative * DEGREE,
-        propellant=fuel,
-        error=error[:, np.newaxis] * direction,
-    )
-    new_evaluations = evaluate(tradeoff=tradeoff)
-    for name in (*CLOSE, *DIFFERS):
-        assert judge(desensitized_published[name], new_evaluations[name])[0] == "reproduced", name
-    for name in ("error_decreases_with_c1", "fuel_increases_except_first_step", "nodoc_smallest_j0"):
-        assert new_evaluations[name].value is True, name
-    assert new_evaluations["fuel_ratio_cinf_to_nodoc"].value == pytest.approx(32.27, abs=0.01)
-    assert new_evaluations["fuel_proportional_to_cumulative_rate"].value is True  # within rounding
 
 
 def test_the_least_effort_is_open_by_what_the_radius_of_mars_changes(desensitized):
@@ -355,14 +259,28 @@ def test_rows_that_are_not_chosen_for_their_energy_can_fail(evaluate, records, d
         assert verdicts == ["by_construction", "holds", "fails"], name
 
 
-def test_fuel_is_judged_by_all_weights_that_stand_for_infinity(evaluate):
-    open_weight = evaluate()["fuel_not_above_msl"]
-    assert open_weight.undetermined and not open_weight.value
-    below = stand_ins()["larger_weights"]
-    below.propellant = np.array([3.0, 8.0])
-    assert evaluate(larger_weights=below)["fuel_not_above_msl"].value is True
-    unstudied = evaluate("one_reversal")["fuel_not_above_msl"]
-    assert unstudied.value is True and "does not study larger weights" in unstudied.undetermined
+def test_fuel_is_open_until_all_weights_that_stand_for_infinity_burn_more(evaluate, records):
+    assert evaluate()["fuel_not_above_msl"].undetermined
+    more = of("tradeoff", propellant=lambda p: with_value(p, 9.5, slice(5, None)))(records)
+    judged = evaluate(**more)["fuel_not_above_msl"]
+    assert judged.value is False and not judged.undetermined
+
+
+def test_a_row_below_the_least_energy_has_no_value_and_says_why(evaluate, records, desensitized_published):
+    """Before, another branch was taken for it, or the trade-off came to no rows at all."""
+
+    def without_second(record):
+        by_row = [name for name, declared in quantities(type(record)).items() if declared.dims[:1] == ("rows",)]
+        return replace(record, **{name: np.delete(getattr(record, name), 1, axis=0) for name in by_row})
+
+    left = {name: without_second(records[name]) for name in ("tradeoff", "linearization")}
+    efforts = {"matched_efforts": np.array([0.1, 0.3078, 1.5603, 5.1812])}
+    new_evaluations = evaluate(inputs=efforts, **left)
+    for name in ("tab03_c0p001", "fuel_increases_except_first_step", "more_fuel_when_desensitized"):
+        assert new_evaluations[name].failed and "c1 = 0.001 lies below the least" in new_evaluations[name].evidence
+    assert judge(desensitized_published["tab03_c0p001"], new_evaluations["tab03_c0p001"])[0] == "differs"
+    assert np.isfinite(new_evaluations["tab03_c0p01"].value).all()
+    assert new_evaluations["nodoc_largest_sensitivity"].value is True
 
 
 def test_a_reading_without_a_row_of_the_table_says_so(evaluate, records, desensitized_published):
@@ -466,97 +384,7 @@ def lower_rows(a):
 
 
 RADIUS_LAW, CROSSRANGE_LAW, DOWNRANGE_LAW = LAW_OF
-ROW, LATE = slice(1, None), slice(-14, None)  # rows with a weight; the last minute
-BROKEN = {
-    "min_fuel_bang_coast_bang": of("minimum_fuel", at_bound=lambda b: with_value(b, 0.02, 1, 1)),
-    "desensitized_j0_larger": of("tradeoff", effort=lambda e: with_value(e, 0.05, 1)),
-    "nodoc_rate_within_bounds": of("nominal", largest_bank_rate=lambda _: 21.0 * DEGREE),
-    "nodoc_accel_within_bounds": of("nominal", largest_bank_acceleration=lambda _: 5.1 * DEGREE),
-    "nodoc_smallest_j0": of("tradeoff", effort=lambda e: with_value(e, 0.05, 3)),
-    "nodoc_largest_sensitivity": of("tradeoff", error=lambda e: with_value(e, 1.1, 1, times=True)),
-    "error_decreases_with_c1": of("tradeoff", error=lambda e: with_value(e, e[2], 3)),
-    "j0_increases_with_c1": of("tradeoff", effort=lambda e: with_value(e, 6.0, 3)),
-    "fuel_increases_except_first_step": of("tradeoff", propellant=lambda p: with_value(p, 0.21, 1)),
-    "more_fuel_when_desensitized": of("tradeoff", propellant=lambda p: with_value(p, 0.1, 3)),
-    "lower_altitude_when_desensitized": of(
-        "tradeoff", state=lambda s: with_value(s, -3e3, 0, slice(None), 0, add=True)
-    ),
-    "fig02_reshaping_evident": of("tradeoff", state=lambda s: with_value(s, s[0] + 0.01, ROW)),
-    "reshaping_alone_insufficient": of("tradeoff", error=lambda e: with_value(e, 0.1, 6, times=True)),
-    "radius_reducible_by_reshaping": of("tradeoff", error=lambda e: with_value(e, 0.95 * e[0], ROW)),
-    "feedback_radius_greatly_reduced": of("gains", final=lambda f: with_value(f, 7.0, RADIUS_LAW, 2, RADIUS)),
-    "fig03_nofeedback_below_nodoc": of(
-        "responses", wide_error=lambda e: with_value(e, 2.0, SHAPED, RADIUS, 1, times=True)
-    ),
-    "fig03a_feedback_smaller_linear_domain": of(
-        "responses", wide_error=lambda e: with_value(e, 0.0, RADIUS_LAW, RADIUS)
-    ),
-    "fig03b_feedback_best_small_errors": of(
-        "responses", narrow_error=lambda e: with_value(e, e[SHAPED, RADIUS, 0], RADIUS_LAW, RADIUS, 0)
-    ),
-    "fig04_nodoc_mainly_downrange": of("responses", error=lambda e: with_value(e, 2900.0, PLAIN, RADIUS, -1, RADIUS)),
-    "fig04_ordering": of("responses", error=lambda e: with_value(e, 0.1, SHAPED, RADIUS, -1, times=True)),
-    "fig04_nofeedback_somewhat_below": of(
-        "responses", error=lambda e: with_value(e, e[PLAIN, RADIUS, -1], SHAPED, RADIUS, -1)
-    ),
-    "fig04_phase2_position_effects": drifting(RADIUS, DOWNRANGE, 180.0, 900.0),
-    "fig05a_no_excessive_fuel": of("responses", cumulative=lambda c: with_value(c, 1.8, RADIUS_LAW, times=True)),
-    "fig04_fig05_same_trajectory": of(
-        "responses", error=lambda e: with_value(e, 1.0, RADIUS_LAW, RADIUS, 30, add=True)
-    ),
-    "fig05b_phase1_more_reversed": deviating(RADIUS, (0.0, 40.0), 0.5),
-    "fig05b_phase2_larger_positive": deviating(RADIUS, (120.0, 150.0), -1.0),
-    "fig05b_phase3_smaller_reversed": deviating(RADIUS, (200.0, 240.0), -1.0),
-    "fig04_phase1_position_effects": drifting(RADIUS, RADIUS, 60.0, 150.0),
-    "fig05a_comparable_acceleration": of(
-        "responses", acceleration=lambda u: with_value(u, 1.6, RADIUS_LAW, RADIUS, times=True)
-    ),
-    "dfdy_third_column_zero": of("linearization", state_matrix=lambda m: with_value(m, 1e-12, 5, 0, 3, 2)),
-    "dr_column_independent_of_scheme_and_shape": of(
-        "certificates", mesh_longitude_deviation=lambda d: with_value(d, 1e-6, 1, 2, 0)
-    ),
-    "dr_needs_feedback": of("linearization", final=lambda f: with_value(f, 0.9, 3, DOWNRANGE, DOWNRANGE)),
-    "dr_gain_on_longitude_nonzero": of("gains", scaled_gain=lambda k: with_value(k, 0.0, DOWNRANGE_LAW, 2)),
-    "fig06_feedback_significantly_reduced": of(
-        "gains", final=lambda f: with_value(f, 0.6, DOWNRANGE_LAW, 2, DOWNRANGE)
-    ),
-    "fig06_1000m_more_than_halved": of(
-        "responses", tabulated_error=lambda e: with_value(e, 600.0, DOWNRANGE_LAW, DOWNRANGE, 1, 2)
-    ),
-    "fig06b_reduction_larger_for_small_errors": of(
-        "responses", narrow_error=lambda e: with_value(e, 60.0, DOWNRANGE_LAW, DOWNRANGE, 0)
-    ),
-    "fig07b_phase1_more_reversed": deviating(DOWNRANGE, (0.0, 50.0), 0.5),
-    "fig07b_phase2_more_positive": drifting(DOWNRANGE, CROSSRANGE, 250.0, 80.0),
-    "fig07b_phase3_smaller_bank": drifting(DOWNRANGE, RADIUS, 250.0, -40.0),
-    "fig08_crossrange_excursion_smaller_radius": drifting(DOWNRANGE, CROSSRANGE, 100.0, 10.0),
-    "cr_needs_feedback": of("linearization", final=lambda f: with_value(f, 0.9, 3, CROSSRANGE, CROSSRANGE)),
-    "fig09_feedback_significantly_reduced": of(
-        "responses", narrow_error=lambda e: with_value(e, 150.0, CROSSRANGE_LAW, CROSSRANGE, 0)
-    ),
-    "fig09_reduction_larger_for_small_errors": of(
-        "responses", tabulated_error=lambda e: with_value(e, 0.1, CROSSRANGE_LAW, CROSSRANGE, times=True)
-    ),
-    "fig11_nofeedback_only_crossrange": of(
-        "responses", error=lambda e: with_value(e, 60.0, PLAIN, CROSSRANGE, -1, DOWNRANGE)
-    ),
-    "fig10b_phase1_smaller_reversed": deviating(CROSSRANGE, (0.0, 40.0), -0.5),
-    "fig10b_phase2_larger_positive": deviating(CROSSRANGE, (100.0, 140.0), -0.5),
-    "fig10b_phase3_smaller_reversed": deviating(CROSSRANGE, (200.0, 240.0), -0.5),
-    "fig11_phase1_position_effects": drifting(CROSSRANGE, DOWNRANGE, 60.0, -1.0),
-    "fig11_phase2_crossrange_drops": drifting(CROSSRANGE, CROSSRANGE, 150.0, 990.0),
-    "fig11_phase3_position_effects": drifting(CROSSRANGE, RADIUS, 250.0, -100.0),
-    "gains_perturbation_specific": of("gains", final=lambda f: with_value(f, 0.1, RADIUS_LAW, slice(None), CROSSRANGE)),
-    "nominal_fuel_below_msl": of("nominal", propellant=lambda _: 5.0),
-}
-MENDED = {
-    "more_reversals_when_desensitized": of("tradeoff", reversals=lambda r: with_value(r, 3, slice(1, 7))),
-    "fig04_phase2_crossrange_corrected": drifting(RADIUS, CROSSRANGE, 180.0, 50.0),
-    "fig04_phase3_lift_and_drag": at_other_speed(RADIUS, 195.0, 0.98),
-    "fig11_phase2_position_effects": drifting(CROSSRANGE, DOWNRANGE, 150.0, -50.0),
-}
-
-
+LATE = slice(-14, None)  # the last minute
 # Statements with several parts: each part alone.
 PARTS = [
     ("fuel_increases_except_first_step", of("tradeoff", propellant=lambda p: with_value(p, 0.5, 6))),
@@ -599,39 +427,6 @@ PARTS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "change"), PARTS)
-def test_every_part_of_a_statement_counts(evaluate, records, name, change):
-    assert evaluate()[name].value is True
-    new_evaluations = evaluate(**change(records | stand_ins()))
-    assert new_evaluations[name].value is False, new_evaluations[name].evidence
-
-
-@pytest.mark.parametrize("name", [*BROKEN, *MENDED])
-def test_statements_are_decided_by_the_numbers(evaluate, evaluations, records, name):
-    before = name in BROKEN
-    assert evaluations["corrected"][name].value is before
-    change = BROKEN.get(name) or MENDED[name]
-    new_evaluations = evaluate(**change(records | stand_ins()))
-    assert new_evaluations[name].value is not before, new_evaluations[name].evidence
-    assert new_evaluations[name].evidence != evaluations["corrected"][name].evidence
-
-
-def test_every_statement_has_a_counterexample(desensitized_published):
-    statements = {name for name, claim in desensitized_published.items() if claim.kind == "qualitative"}
-    otherwise_tested = UNDETERMINED | {
-        "fuel_proportional_to_cumulative_rate"
-    }  # tests of their own, and the real records
-    assert statements == set(BROKEN) | set(MENDED) | otherwise_tested
-    assert set(MENDED) == FAILS
-
-
-def test_every_counted_claim_names_its_counterexample(rows):
-    claims = claims_of("desensitized").claims
-    counted = {name for name, row in rows.items() if row["verdict"] not in ("by_construction", "quoted")}
-    judged = {name for name in counted if rows[name]["kind"] in ("qualitative", "deterministic")}
-    assert not [name for name in judged if claims[name].counterexample is None]
-
-
 def test_with_one_reversal_there_is_no_last_one(evaluate, records):
     """The statements on Fig. 10 speak of what follows the last reversal of the nominal."""
     responses = records["responses"]
@@ -643,19 +438,9 @@ def test_with_one_reversal_there_is_no_last_one(evaluate, records):
         assert new_evaluations[phase].value is False and "the statement needs two" in new_evaluations[phase].evidence
 
 
-def test_phase_times_are_those_of_the_flight(evaluate, records):
-    """A deviation less positive by an angle changes its sign later; the reversals are the nominal's."""
-    new_evaluations = evaluate()
-    first, last = new_evaluations["fig05b_phase_times"].value
-    assert last == pytest.approx(records["nominal"].reversal_times[-1], abs=0.1)
-    law = RADIUS_LAW
-    responses = records["responses"]
-    deviation = responses.state[law, RADIUS, :, BANK] - responses.nominal[law, :, BANK]
-    assert deviation[responses.time[law] < first][1:].max() < 0.0 < deviation[responses.time[law] > first].min()
-    moved = evaluate(
-        responses=replace(
-            responses, state=with_value(responses.state, -1.0 * DEGREE, law, RADIUS, slice(None), BANK, add=True)
-        )
-    )
-    assert moved["fig05b_phase_times"].value[0] > first + 5.0
-    assert moved["fig05b_phase_times"].value[1] == last
+def test_every_part_of_a_statement_counts(evaluate, records):
+    usual, given = evaluate(), records | stand_ins()
+    for name, change in PARTS:
+        assert usual[name].value is True, name
+        changed = evaluate(**change(given))[name]
+        assert changed.value is False, (name, changed.evidence)

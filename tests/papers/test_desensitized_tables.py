@@ -3,9 +3,7 @@
 The artifacts are made up, of the declared shapes, so that no table can hide behind the values of one reading.
 """
 
-import inspect
 import re
-import typing
 from dataclasses import replace
 
 import numpy as np
@@ -16,23 +14,17 @@ from marsedl.papers.desensitized import tables
 from marsedl.papers.desensitized.records import (
     CHANNELS,
     LAWS,
-    LOST,
-    PERTURBATIONS,
     SOLUTIONS,
-    VARIANTS,
     Branches,
     Certificates,
     FlightEnsemble,
-    FurtherPerturbations,
     Gains,
-    GainStudy,
-    LargerWeights,
     MinimumFuel,
     Responses,
     Tradeoff,
 )
 from marsedl.replication.artifacts import quantities
-from marsedl.replication.tables import csv_text, described, printed_cells
+from marsedl.replication.tables import csv_text, printed_cells
 
 DEGREE = np.pi / 180.0
 DASH = "–"
@@ -46,16 +38,10 @@ EXTENTS = {
     "trials": 40,
     "time": 5,
     "node": 5,
-    "perturbation": 6,
     "intervals": 4,
     "cases": 2,
     "scheme": 3,
     "meshes": 3,
-    "variant": 3,
-    "radius_error": 4,
-    "tuning_error": 4,
-    "all_sizes": 4,
-    "candidates": 5,
     "solutions": 3,
     "points": 6,
 }
@@ -109,63 +95,15 @@ def ensemble(**values):
     return made_up(FlightEnsemble, 4, **given | values)
 
 
-def gain_study(**values):
-    given = {
-        "channel": np.array([0, 0, 1, 2, 2]),
-        "rank": np.array([1, 0, 0, 0, 1]),
-        "tuning_error": np.array([-1000.0, -200.0, 200.0, 1000.0]),
-        "all_sizes": np.array([-1000.0, -200.0, 200.0, 1000.0]),
-    }
-    return made_up(GainStudy, 5, **given | values)
-
-
 def branches(**values):
     choices = np.array([[bool(k & 8), bool(k & 4), bool(k & 2), bool(k & 1)] for k in range(16)])
-    given = {
-        "name": np.array(["1 reversal", "2 reversals", "360 deg roll"]),
-        "nominal": 1,
-        "set_fixed": choices,
-        "curve_error": np.array([8168.0, 8100.0, 8010.0, 8008.0, 7999.0, 7980.0]),
-        "fold_error": 8009.0,
-        "row_weight": np.array([0.0, 0.001, 0.01, 0.1, 1.0]),
-        "row_error": np.linspace(8000.0, 6000.0, 5),
-        "row_effort": np.array([0.14, 0.15, 0.3, 1.5, 5.0]),
-        "least_effort": np.array([0.05, 0.06, 0.3, 1.5, 4.0]),
-        "least_solution": np.array([0, 0, -1, -1, 2]),
-    }
-    return made_up(Branches, 6, {"rows": 5}, **given | values)
+    given = {"set_fixed": choices}
+    return made_up(Branches, 6, **given | values)
 
 
 def certificates(**values):
-    weights = np.array([0.0, 0.03, 0.6, 5.0, 45.0, 1e6, 1e7])
-    given = {
-        "weight": np.array([0.0, 45.0]),
-        "intervals": np.array([50, 100, 200]),
-        "row_weight": weights,
-        "slope_weight": weights[1:5],
-        "slope_deviation": np.array([1e-6, -2e-6, 3e-6, -4e-6]),
-        "variant": np.array(VARIANTS),
-    }
+    given = {"weight": np.array([0.0, 45.0]), "intervals": np.array([50, 100, 200])}
     return made_up(Certificates, 7, **given | values)
-
-
-def further(**values):
-    given = {
-        "perturbation": np.array(PERTURBATIONS),
-        "size": np.array([0.05, 10.0, 0.05 * DEGREE, 1000.0, 1000.0, 1000.0]),
-        "row_weight": np.array([0.0, 0.03, 0.6, 5.0, 45.0, 1e6, 1e7]),
-        "design_weight": np.array([0.0, 10.0]),
-        "design_branch": np.array([0, 1]),
-        "density_error": np.array([0.01, -0.01]),
-        "radius_error": np.array([200.0, -200.0]),
-        "path_end": "at a weight",
-    }
-    return made_up(FurtherPerturbations, 8, {"law": 5, "radius_error": 2}, **given | values)
-
-
-def larger_weights(**values):
-    given = {"weight": np.array([1e7, 1e8, 1e9]), "ended": "at the largest weight wanted"}
-    return made_up(LargerWeights, 10, {"weights": 3}, **given | values)
 
 
 def minimum_fuel(**values):
@@ -177,12 +115,9 @@ ARTIFACTS = {
     "gains": gains,
     "responses": responses,
     "entry_errors": ensemble,
-    "gain_study": gain_study,
     "branches": branches,
-    "larger_weights": larger_weights,
     "minimum_fuel": minimum_fuel,
     "certificates": certificates,
-    "further_perturbations": further,
 }
 
 
@@ -232,62 +167,25 @@ def near(values):
 # ---- all tables ------------------------------------------------------------------------------------------------------
 
 
-def test_every_table_and_summary_of_the_catalogue_has_its_function():
-    functions = {
-        name
-        for name, function in inspect.getmembers(tables, inspect.isfunction)
-        if function.__module__ == tables.__name__ and not name.startswith("_")
+def unknown(artifact):
+    """The artifact with NaN wherever that is allowed, but in what is not shown as it stands."""
+    shown = ("printed_weight", "final_state", "observed_maximum")
+    fields = {
+        field: np.full_like(getattr(artifact, field), np.nan)[()]
+        for field, declared in quantities(type(artifact)).items()
+        if declared.allow_nan and field not in shown
     }
-    assert functions == set(PAPER.tables) | set(PAPER.summaries)
-    assert not set(PAPER.figures) & functions
+    return replace(artifact, **fields)
 
 
-@pytest.mark.parametrize("stem", PAPER.tables)
-def test_tables_take_what_the_catalogue_gives_them(stem):
-    hints = typing.get_type_hints(getattr(tables, stem))
-    assert all(isinstance(ARTIFACTS[name](), hints[name]) for name in taken(stem))
-    assert PAPER.tables[stem].caption.endswith(".")
-
-
-@pytest.mark.parametrize("reading", READINGS)
-@pytest.mark.parametrize("stem", PAPER.tables)
-def test_every_reading_has_every_table(table, stem, reading):
-    assert table(stem, reading) is not None
-
-
-UNITS = r"m|km|kg|s|deg|deg/s|deg/s\^2|deg\^2/s\^3|rad/s\^2|%|m per km|m/m"
-MEASURES = re.compile(
-    "J0|cumulative|fuel|final (position )?error|weight$|gain on|norm of|linear sensitivity|largest|target missed"
-    "|bank angle|median|99th|.*propellant|.*deviation$|.*linear covariance|final time|.*: flown|.*: linear"
-)
-
-
-@pytest.mark.parametrize("stem", PAPER.tables)
-def test_heads_name_their_units(table, stem):
-    rows = table(stem)
-    for head, column in described(rows).items():
-        assert not column.unit or re.fullmatch(UNITS, column.unit), head
-        ratio = " over " in head or rows[head].dtype.kind != "f"
-        assert column.unit or ratio or not MEASURES.match(head), head
-
-
-@pytest.mark.parametrize("stem", [stem for stem in PAPER.tables if taken(stem)])
-def test_what_is_not_known_is_a_dash(table, stem):
-    artifacts = {}
-    for name in taken(stem):
-        artifact = ARTIFACTS[name]()
-        unknown = {
-            field: np.full_like(getattr(artifact, field), np.nan)[()]
-            for field, declared in quantities(type(artifact)).items()
-            if declared.allow_nan and field not in ("printed_weight", "final_state", "observed_maximum")
-        }
-        artifacts[name] = replace(artifact, **unknown)
-    with np.errstate(all="raise"):
-        cells = [cell for row in printed_cells(table(stem, **artifacts))[1:] for cell in row]
-    assert not [cell for cell in cells if re.search(r"\bnan\b|\binf\b|-0\.0*$", cell)]
-    if any(declared.allow_nan for name in taken(stem) for declared in quantities(type(artifacts[name])).values()):
-        always = "tab03", "tab03_solutions", "sensitivity_blocks", "sensitivity_norms", "dominance", "derivatives"
-        assert DASH in " ".join(cells) or stem in always
+def test_every_table_can_be_made_and_shows_a_dash_for_what_is_not_known(table):
+    for stem in PAPER.tables:
+        for reading in READINGS:
+            assert table(stem, reading) is not None
+        artifacts = {name: unknown(ARTIFACTS[name]()) for name in taken(stem)}
+        with np.errstate(all="raise"):
+            cells = [cell for row in printed_cells(table(stem, **artifacts))[1:] for cell in row]
+        assert not [cell for cell in cells if re.search(r"\bnan\b|\binf\b|-0\.0*$", cell)], stem
 
 
 # ---- Tables 1 to 3 ---------------------------------------------------------------------------------------------------
@@ -331,20 +229,6 @@ def test_table_3_has_the_printed_rows_beside_those_computed(table):
     assert cells["J0 in the paper (deg^2/s^3)"][5] == "586.8673" and cells["c1"][5] == "∞"
 
 
-def test_solutions_of_table_3(table):
-    path = tradeoff()
-    rows = table("tab03_solutions", tradeoff=path)
-    np.testing.assert_array_equal(rows[["its altitude (m)", "its crossrange (m)", "its downrange (m)"]], path.error)
-    np.testing.assert_array_equal(column(rows, "weight"), path.weight)
-    assert list(rows["branch"]) == [1, 1, 2, 2, 2, 2, 2]
-    assert list(rows["branch begins with"]) == ["2 reversals"] * 2 + ["1 reversal"] * 5
-    assert list(rows["bank reversals"]) == list(path.reversals)
-    assert column(rows, "largest bank rate") == near(path.largest_bank_rate / DEGREE)
-    assert column(rows, "largest bank acceleration") == near(path.largest_bank_acceleration / DEGREE)
-    assert column(rows, "target missed") == near(np.linalg.norm(path.miss, axis=1))
-    assert set(rows["solver"]) == {"words"} and list(rows["iterations"]) == list(path.iterations)
-
-
 @pytest.mark.parametrize(
     ("weights", "changes", "c1"),
     [
@@ -369,19 +253,6 @@ def test_rows_of_a_user_stand_beside_nothing_printed(table, weights, changes, c1
         np.testing.assert_array_equal(np.isfinite(column(rows, f"{name} over the paper's")), is_printed)
 
 
-def test_what_an_infinite_weight_costs_goes_on_from_the_last_row(table):
-    study = larger_weights()
-    rows = table("infinite_weight", tradeoff=tradeoff(), larger_weights=study)
-    assert list(rows["from"]) == [
-        *("a row of Table 3", "a row of Table 3", "the last row of Table 3", "the continuation", "the continuation"),
-    ]
-    assert list(rows["c1"][:3]) == [1.0, np.inf, np.inf] and rows["c1"][3:].isna().all()
-    assert column(rows, "fuel")[2:] == near(study.propellant)
-    assert column(rows, "final position error")[2:] == near(np.linalg.norm(study.error, axis=1))
-    assert column(rows, "in thin air") == near([np.nan, np.nan, *(100.0 * study.thin_air_share)])
-    assert described(rows)["from"].meaning == "the continuation ends at the largest weight wanted"
-
-
 # ---- sensitivities, gains, dispersions -------------------------------------------------------------------------------
 
 
@@ -391,70 +262,6 @@ def test_sensitivity_blocks_are_in_metres_per_kilometre(table):
     assert list(rows["final error in"]) == list(CHANNELS) * len(LAWS)
     heads = [f"{channel} at entry (m per km)" for channel in CHANNELS]
     np.testing.assert_allclose(rows[heads].to_numpy().reshape(-1, 3, 3), 1e3 * design.final, rtol=1e-12)
-    norms = table("sensitivity_norms", gains=design)
-    np.testing.assert_allclose(norms[heads], 1e3 * np.sqrt((design.final**2).sum(axis=1)), rtol=1e-12)
-    assert column(norms, "all three") == near(1e3 * np.sqrt((design.final**2).sum(axis=(1, 2))))
-
-
-def test_gain_sets_have_a_row_for_every_law(table):
-    design, flights = gains(), responses()
-    design.scaled_gain[:2] = 0.0
-    rows = table("gain_sets", gains=design, responses=flights)
-    heads = [head for head in rows if head.startswith("gain on ")]
-    assert heads[0] == "gain on altitude (rad/s^2)" and len(heads) == 6
-    assert rows[heads][:2].isna().all(axis=None) and list(column(rows, "norm of the gains")[:2]) == [0.0, 0.0]
-    np.testing.assert_array_equal(rows[heads][2:], design.scaled_gain[2:])
-    assert list(rows["how the search ended"]) == [f"way {law}" for law in range(6)]
-    assert list(rows["converged"]) == list(design.converged)
-    assert column(rows, "J0") == near(design.effort)
-    assert column(rows, "cumulative bank rate") == near(flights.nominal_cumulative / DEGREE)
-
-
-def test_responses_are_shown_for_the_channels_that_a_law_is_for(table):
-    design, flights = gains(), responses()
-    rows = table("gain_responses", gains=design, responses=flights)
-    laws = (
-        [(0, k) for k in range(3)] + [(1, k) for k in range(3)] + [(2, 0), (3, 1), (4, 2)] + [(5, k) for k in range(3)]
-    )
-    assert list(rows["error at entry in"]) == [CHANNELS[channel] for _, channel in laws]
-    assert column(rows, "linear sensitivity") == near(
-        [1e3 * np.linalg.norm(design.final[law, :, k]) for law, k in laws]
-    )
-    ends = np.array([flights.error[law, k, -1] for law, k in laws])
-    assert column(rows, "final position error") == near(np.linalg.norm(ends, axis=1))
-    assert column(rows, "its crossrange") == near(ends[:, 1])
-    for side, head in enumerate(("final error for +1070 m", "final error for -930 m")):
-        expected = [np.linalg.norm(flights.tabulated_error[law, k, side]) for law, k in laws]
-        assert column(rows, head) == near(expected)
-    assert column(rows, "cumulative bank rate") == near([flights.cumulative[law, k] / DEGREE for law, k in laws])
-    assert column(rows, "drawn error at entry") == near([(200.0, 1000.0, 200.0)[k] for _, k in laws])
-
-
-def test_candidates_stand_in_the_order_of_their_ranks(table):
-    study = gain_study(flown_norm=np.array([0.3, 0.2, 0.1, 0.4, LOST]))
-    rows = table("candidate_gains", gain_study=study)
-    assert list(zip(rows["against errors in"], rows["rank"], strict=True)) == [
-        *(("radius", 1), ("radius", 2), ("crossrange", 1), ("downrange", 1), ("downrange", 2)),
-    ]
-    assert rows["root mean square"].to_numpy() == near([0.2, 0.3, 0.1, 0.4, np.nan])
-    assert list(rows["lost"]) == [False] * 4 + [True]
-    assert column(rows, "final error for -1000 m")[0] == study.flown_error[1, 0]  # rank 0 of radius is candidate 1
-    assert column(rows, "linear sensitivity")[0] == near(1e3 * np.linalg.norm(study.linear_error[1]))
-    assert list(rows["random starts that failed"]) == list(study.least_failed[[0, 0, 1, 2, 2]])
-    assert list(rows["random starts"]) == list(study.least_starts[[0, 0, 1, 2, 2]])
-
-
-def test_one_set_of_gains_is_flown_against_all_errors(table):
-    study = gain_study(all_tuned=False)
-    rows = table("one_gain_set", gain_study=study)
-    assert list(rows["error at entry in"]) == 2 * list(CHANNELS)
-    assert rows["method"][5] == "tuned to flown errors, not converged"
-    heads = [head for head in rows if head.startswith("final error for")]
-    assert [head.split()[3] for head in heads] == ["-1000", "-200", "+200", "+1000"]
-    np.testing.assert_array_equal(rows[heads].iloc[4], study.all_flown_error[1, 1])
-    ratio = np.sqrt(np.mean((study.all_flown_error[1, 1] / study.all_sizes) ** 2))
-    assert rows["root mean square"][4] == near(ratio)
-    assert column(rows, "gain on altitude")[4] == study.all_scaled_gain[1, 0]
 
 
 def test_dispersions_are_those_of_the_trials_that_came_down(table):
@@ -493,28 +300,7 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     assert column(rows, "mean propellant")[0] == pytest.approx(fuel, rel=1e-4)
 
 
-def test_dispersions_without_errors_at_entry_are_zero(table):
-    flights = ensemble(final_error=np.zeros((6, 40, 3)))
-    with np.errstate(all="raise"):
-        rows = table("dispersions", changes={"initial_deviations": np.zeros(3)}, entry_errors=flights)
-    cells = printed_text(rows)
-    assert cells["radius: deviation (m)"][0] == "0.0 ± 0.0" and cells["radius: flown over linear"][0] == DASH
-
-
 # ---- other solutions -------------------------------------------------------------------------------------------------
-
-
-def test_local_minima(table):
-    study = branches(returned=np.array([1e-9, np.nan, 2.0]))
-    rows = table("local_minima", branches=study)
-    assert list(rows["solution"]) == ["1 reversal", "2 reversals", "360 deg roll"]
-    assert list(rows["nominal"]) == [False, True, False]
-    assert list(rows["starts that led there"]) == list(study.found)
-    assert set(rows["random starts that failed"]) == {study.failed_starts}
-    assert set(rows["random starts"]) == {study.starts}
-    assert printed_text(rows)["change when shaken (deg)"] == ["5.7e-08", DASH, "1.1e+02"]
-    assert column(rows, "cumulative") == near(study.cumulative / DEGREE)
-    assert column(rows, "final position error") == near(np.linalg.norm(study.error, axis=1))
 
 
 def test_bank_conditions_begin_with_what_meets_the_paper(table):
@@ -536,47 +322,7 @@ def test_bank_conditions_begin_with_what_meets_the_paper(table):
     assert set(angle[np.isfinite(angle)]) == {-1.0 / DEGREE}
 
 
-def test_the_fold_parts_the_branch(table):
-    study = branches()
-    rows = table("fold", branches=study, tradeoff=tradeoff())
-    assert list(rows["point"][:7]) == ["on the branch"] * 3 + ["fold, largest weight"] + ["beyond the fold"] * 3
-    assert column(rows, "final position error")[:4] == near([*study.curve_error[:3], 8009.0])
-    assert np.isnan(column(rows, "least J0")[3]) and column(rows, "weight")[3] == study.fold_weight
-    assert len(rows) == 7 + 2 * 2 and rows["point"].iloc[-1] == "path over the weight: first on the next branch"
-    study = branches(fold_error=np.nan, fold_weight=np.nan)
-    none = np.zeros((0, 2))
-    path = tradeoff(fold_weight=none, fold_effort=none, fold_error=none)
-    assert list(table("fold", branches=study, tradeoff=path)["point"]) == ["on the branch"] * 6
-
-
-def test_dominated_rows_say_by_what(table):
-    study = branches()
-    rows = table("dominance", branches=study)
-    assert list(rows["c1"]) == [0.0, 0.001, 0.01, 0.1, 1.0]
-    assert rows["least over the row's"].to_numpy() == near([0.05 / 0.14, 0.4, 1.0, 1.0, 0.8])
-    assert list(rows["branch begins at"].fillna("")) == ["1 reversal", "1 reversal", "", "", "360 deg roll"]
-    start = study.effort[[0, 0, 0, 0, 2]]
-    start[2:4] = np.nan
-    assert column(rows, "J0 there") == near(start)
-
-
-def test_least_fuel_is_the_measure_of_its_bound(table):
-    study = minimum_fuel(reversals=np.array([[2, 1, 1], [2, -1, -1]]))
-    rows = table("least_fuel", minimum_fuel=study)
-    assert list(rows["solution"]) == [*SOLUTIONS, *SOLUTIONS]
-    assert column(rows, "bound of the bank") == near(np.repeat(study.bound / DEGREE, 3))
-    assert column(rows, "cumulative bank rate (") == near(study.cumulative.ravel() / DEGREE)
-    assert column(rows, "cumulative bank rate over") == near((study.cumulative / study.cumulative[:, [1]]).ravel())
-    assert column(rows, "intervals without thrust") == near(100.0 * study.coasting.ravel())
-    assert column(rows, "intervals at the bound") == near(100.0 * study.at_bound.ravel())
-    assert column(rows, "final time") == near(study.time[:, :, -1].ravel())
-    assert printed_text(rows)["bank reversals"] == ["2", "1", "1", "2", DASH, DASH]
-    violation = np.repeat(study.switching_violation, 3)
-    violation[[0, 2, 3, 5]] = np.nan
-    assert rows["contradiction"].to_numpy() == near(violation)
-
-
-# ---- certificates, further perturbations -----------------------------------------------------------------------------
+# ---- certificates ----------------------------------------------------------------------------------------------------
 
 
 def test_discretisation_has_a_row_for_every_run_and_orders_from_the_second_mesh(table):
@@ -592,63 +338,6 @@ def test_discretisation_has_a_row_for_every_run_and_orders_from_the_second_mesh(
     order = rows["order of the miss"].to_numpy().reshape(2, 3, 3)
     assert np.isnan(order[..., 0]).all()
     np.testing.assert_array_equal(order[..., 1:], study.miss_order)
-
-
-def test_identities_stand_beside_their_weights(table):
-    study = certificates()
-    rows = table("identities", certificates=study)
-    assert list(column(rows, "weight")) == [0.0, 0.03, 0.6, 5.0, 45.0, 1e6, 1e7]
-    np.testing.assert_array_equal(column(rows, "adjoint"), study.row_adjoint_deviation)
-    np.testing.assert_array_equal(column(rows, "error in a mirror"), study.mirrored_error_deviation)
-    assert printed_text(rows)["slope"] == [DASH, "+1.0e-06", "-2.0e-06", "+3.0e-06", "-4.0e-06", DASH, DASH]
-    rows = table("mesh_identities", certificates=study)
-    assert column(rows, "longitude column") == near(study.mesh_longitude_deviation.max(axis=(1, 2)))
-    rows = table("linearity", certificates=study)
-    flown_norm, linear = (np.linalg.norm(errors, axis=-1) for errors in (study.flown_error, study.linear_error))
-    assert column(rows, "radius error at entry") == near(np.tile(study.radius_error, 2))
-    assert rows["flown over linear"].to_numpy() == near((flown_norm / linear).ravel())
-    rows = table("derivatives", certificates=study)
-    assert list(rows["derivatives"]) == 2 * list(VARIANTS)
-    change = study.variant_effort / study.variant_effort[:, [0]] - 1.0
-    assert rows["change of J0"].to_numpy() == near(change.ravel())
-
-
-def test_what_was_not_solved_on_a_mesh_does_not_hide_the_rest(table):
-    study = certificates()
-    study.mesh_longitude_deviation[0, 1, 2] = np.nan
-    largest = column(table("mesh_identities", certificates=study), "longitude column")[0]
-    assert largest == np.nanmax(study.mesh_longitude_deviation[0])
-
-
-def test_other_perturbations_of_rows_and_of_designs(table):
-    study, path = further(), tradeoff()
-    rows = table("other_perturbations", further_perturbations=study, tradeoff=path)
-    assert [head for head in rows if head.endswith(": linear (m)")] == [
-        f"{name}: linear (m)"
-        for name in (
-            *("density 5 %", "velocity 10 m/s", "flight path angle 0.05 deg"),
-            *("radius 1000 m", "crossrange 1000 m", "downrange 1000 m"),
-        )
-    ]
-    # The design without weight is the nominal, which is the first row already.
-    assert list(rows["sensitivity to"]) == ["radius"] * 7 + ["density"]
-    assert rows["c1"].to_numpy() == near([0.0, 0.001, 0.01, 0.1, 1.0, np.inf, np.inf, np.nan])
-    assert "ends at a weight" in described(rows)["sensitivity to"].meaning
-    assert column(rows, "J0") == near([*path.effort, study.design_effort[1]])
-    linear = column(rows, "velocity 10 m/s: linear")
-    assert linear[3] == near(np.linalg.norm(study.row_linear_error[3, 1]))
-    either = [rows[f"velocity 10 m/s: flown{side} (m)"][7] for side in ("", ", minus")]
-    assert either == near(np.linalg.norm(study.design_flown_error[1, 1], axis=-1))
-
-
-def test_feedback_against_density(table):
-    study = further(law=np.array(["no feedback", "a", "b", "c", "d"]))
-    study.scaled_gain[0] = 0.0
-    rows = table("density_feedback", further_perturbations=study)
-    assert column(rows, "gain on altitude") == near([np.nan, *study.scaled_gain[1:, 0]])
-    assert column(rows, "density 5 %: linear")[2] == near(np.linalg.norm(study.law_linear_error[2, 0]))
-    assert column(rows, "density -1 %")[3] == near(np.linalg.norm(study.density_flown_error[3, 1]))
-    assert column(rows, "radius +200 m")[4] == near(np.linalg.norm(study.radius_flown_error[4, 0]))
 
 
 # ---- over all readings -----------------------------------------------------------------------------------------------
@@ -719,10 +408,3 @@ def test_weights_stand_row_by_row(artifacts, desensitized_published):
     assert last["J0 (deg^2/s^3)"][0] == 586.8673 and len(last) == 1 + 2 * len(READINGS)
     assert last[["row taken", "weight over c1 (deg^2/s^3)"]].isna().all(axis=None)
     assert groups[0.0][["row taken", "columns", "length (km)"]].isna().all(axis=None)
-
-
-def test_weights_of_an_own_reading_have_rows_of_their_own(artifacts, desensitized_published):
-    inputs, records = artifacts["corrected"]
-    tradeoff = replace(records.tradeoff, printed_weight=np.array([0.0, 0.001, 0.05, 0.1, 1.0, np.nan, np.nan]))
-    rows = tables.weights(artifacts | {"mine": (inputs, replace(records, tradeoff=tradeoff))}, desensitized_published)
-    assert list(rows["reading"][rows["c1"] == 0.05]) == ["mine"]

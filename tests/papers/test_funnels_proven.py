@@ -31,7 +31,6 @@ def part(funnels):
         time=linear_model.time[nodes],
         state=linear_model.state[half],
         bank=linear_model.bank[half],
-        heat_rate=linear_model.heat_rate[half],
     )
     gains = SimpleNamespace(half_gain=designed.half_gain[half], shape=designed.shape[nodes], initial_level=LEVEL)
     return linearization, gains
@@ -71,9 +70,6 @@ def test_motion_stays_below_the_levels_of_all_nodes_and_comes_close(proof, loop,
             assert largest * level <= proof.node_level[node]
         # What is proven in excess: known terms of higher degrees where the polynomial is largest, and the remainder.
         assert proof.node_level[node] < 1.005 * largest * level
-    straight = np.interp(np.arange(STEPS + 1), proof.step, proof.level)
-    assert proof.interpolation_excess == pytest.approx((proof.node_level / straight).max() - 1.0, abs=1e-15)
-    assert 0.0 <= proof.interpolation_excess < 0.01
 
 
 def test_flights_stay_inside_under_disturbances_that_change_between_stages(proof, loop, part):
@@ -97,22 +93,12 @@ def greedy_constant(loop, part, starts, directions):
     return directions[np.argmax(ends, axis=0)]
 
 
-def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, proof, part):
-    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
-    linearization, gains = part
+def test_half_widths_are_the_largest_in_the_levels(proof, part):
     random = np.random.Generator(np.random.Philox(8))
-    for step in (0, 12, 14):
-        level = proof.node_level[step]
-        deviations = boundary_deviations(gains.shape[step], level, uniform_directions(random, 20_000, 6))
-        state = linearization.state[2 * step] + deviations
-        w = uniform_directions(random, 20_000, 2).T
-        rates = environment.heat_rate(inputs.vehicle, air, state[:, 0], state[:, 3], w)
-        assert 0.98 * proof.node_heat_rate[step] < rates.max() <= proof.node_heat_rate[step]
-        assert proof.node_heat_rate[step] > proof.node_nominal_heat_rate[step]
-        if step % 4 == 0:
-            largest = np.abs(deviations).max(axis=0)
-            assert (largest <= proof.half_width[step // 4]).all()
-            assert (largest > 0.97 * proof.half_width[step // 4]).all()
+    for k in (0, 3):
+        directions = uniform_directions(random, 20_000, 6)
+        largest = np.abs(boundary_deviations(part[1].shape[4 * k], proof.level[k], directions)).max(axis=0)
+        assert (largest <= proof.half_width[k]).all() and (largest > 0.97 * proof.half_width[k]).all()
 
 
 def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):
@@ -134,4 +120,4 @@ def test_nothing_is_proven_with_disturbances_of_all_rates(funnels, part):
     assert added.level[0] == LEVEL
     for name in ("bound", "polynomial_bound", "truncation", "remainder", "rise"):
         assert np.isnan(getattr(added, name)).all()
-    assert np.isnan(added.interpolation_excess) and np.isnan(added.node_level[1:]).all()
+    assert np.isnan(added.node_level[1:]).all()

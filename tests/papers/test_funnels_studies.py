@@ -3,7 +3,7 @@
 Expected numbers without another source are those of an independent study of the paper, with a nominal of its own.
 """
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,27 +11,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
+from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import (
     coarse_funnels,
     discretization,
-    divergence,
     environment,
     equations_of_motion,
     gains,
-    monotonicity,
     programs,
-    regulators,
     stage_study,
     stationary,
-    undisturbed_funnel,
 )
 from marsedl.papers.funnels.basics import SPHERES
 from marsedl.papers.funnels.inputs import MODEL
-from marsedl.papers.funnels.records import StageStudy
 from marsedl.replication import artifacts
-from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_study
 
 CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
@@ -41,10 +35,7 @@ SMALL = {
     "check_points": 500,
     "tightness_polished": 4,
     "stationary_points": 300,
-    "studied_slices": np.array([0.4167]),
-    "studied_levels": np.array([3.0]),
     "studied_samples": np.array([50.0, 200.0, 406.0]),
-    "studied_trials": 30,
 }
 
 
@@ -82,7 +73,6 @@ def stage_fields(inputs, model, regulator):
     with pytest.MonkeyPatch.context() as patch:
         # Clarabel takes ten times as long; the tests of the programs compare it.
         patch.setattr(stage_study, "CONIC_TOLERANCE", {"SCS": 1e-6})
-        patch.setattr(stage_study, "FEW_DESIGNS", 1)
         return vars(inputs().call(stage_study.compute, model, regulator))
 
 
@@ -92,16 +82,10 @@ def still(inputs, model, regulator):
     return inputs().call(stationary.compute, model, regulator)
 
 
-@pytest.fixture(scope="module")
-def several(inputs, model, regulator):
-    """Stages over levels and with linear motion."""
-    return inputs().call(monotonicity.compute, model, regulator)
-
-
 # --- one stage --------------------------------------------------------------------------------------------------------
 
 
-def test_counts_are_those_of_formulas_and_of_ranks(inputs, stage_fields):
+def test_counts_are_those_of_formulas_and_of_ranks(stage_fields):
     rows = {
         name: row
         for name, *row in zip(
@@ -121,10 +105,6 @@ def test_counts_are_those_of_formulas_and_of_ranks(inputs, stage_fields):
     assert computed.sum() == 5  # the last variety is counted only
     np.testing.assert_array_equal(stage_fields["product_rank"][computed], stage_fields["samples"][computed])
     np.testing.assert_array_equal(stage_fields["basis_rank"][computed], stage_fields["basis_size"][computed])
-    # d = 1 fits to a Gram matrix of degree 2 only if the motion is linear.
-    np.testing.assert_array_equal(stage_fields["exponent_degree"], [4, 6, 8])
-    assert stage_fields["gram_degree"] == 4
-    assert stage_study.counts(inputs(taylor_order=1).recursion)["exponent_degree"][1] == stage_fields["gram_degree"]
 
 
 def test_all_forms_give_one_bound(stage_fields):
@@ -132,51 +112,21 @@ def test_all_forms_give_one_bound(stage_fields):
     np.testing.assert_allclose(stage_fields["form_bound"], stage_fields["form_bound"][0], rtol=1e-7)
     assert (stage_fields["form_safe_bound"] >= stage_fields["form_bound"] - 1e-12).all()
     assert list(stage_fields["form_status"]) == ["optimal"] * 4
-    # From below: the polynomial takes the value of its bound, and inside of the disc none above.
-    bound = stage_fields["form_safe_bound"][0]
-    assert bound - 1e-7 < stage_fields["polynomial_maximum"] <= stage_fields["disc_maximum"] <= bound
-    assert 1e-7 < stage_fields["true_maximum"] - bound < 1e-5
-    assert stage_fields["identity_error"] < 1e-12 and stage_fields["least_value"] > 0.0
-    assert stage_fields["fit_error"] < 1e-12
-
-
-def test_stages_with_linear_motion_have_known_bounds(several):
-    assert (several.linear_gram_size, several.linear_samples) == (9, 43)
-    np.testing.assert_allclose(several.linear_exact, 1.1482555, rtol=2e-6)
-    np.testing.assert_allclose(several.linear_small_bound, several.linear_exact, rtol=1e-8)
-    np.testing.assert_allclose(several.linear_large_bound, several.linear_exact, rtol=1e-8)
-    np.testing.assert_allclose(several.linear_still_bound, several.linear_still_exact, rtol=1e-7)
 
 
 def test_too_few_samples_give_a_bound_that_is_too_small(stage_fields):
     np.testing.assert_array_equal(stage_fields["few_rank"], [50, 200, 406])
     assert (stage_fields["few_bound"][:2] < 0.99 * BENCHMARK).all()
-    # The identity shows it at fresh points; values below zero are seldom met.
-    assert stage_fields["few_least_value"][0] < 0.0 and (stage_fields["few_identity_error"][:2] > 1e-2).all()
+    assert stage_fields["few_least_value"][0] < 0.0
     assert stage_fields["few_bound"][2] == pytest.approx(BENCHMARK, rel=2e-6)
-    assert stage_fields["few_least_value"][2] > 0.0 and stage_fields["few_identity_error"][2] < 1e-10
+    assert stage_fields["few_least_value"][2] > 0.0
 
 
-def test_the_exponent_matters_only_without_whitening(stage_fields):
-    np.testing.assert_allclose(stage_fields["exponent_whitened_bound"], BENCHMARK, rtol=2e-6)
-    zero, one, two = stage_fields["exponent_bound"]
-    np.testing.assert_allclose(zero, BENCHMARK, rtol=2e-6)
-    assert (one > 1.5 * BENCHMARK).all() and (two > 10.0 * BENCHMARK).all()
-    # The samples do not determine a polynomial of degree six: other samples, other bounds.
-    assert np.ptp(one) > 0.5
-
-
-def test_bases_and_samples_condition_as_expected(stage_fields):
+def test_bases_condition_as_expected(stage_fields):
     si, km, scaled, whitened, hermite, variance_one, orthonormal = stage_fields["basis_condition"]
     assert si > 1e4 * km > 1e6 * scaled and scaled > 5.0 * whitened
     assert hermite > whitened > 2.0 * variance_one > 2.0 * orthonormal
     assert variance_one < 2.5 and orthonormal == pytest.approx(1.0, abs=1e-12)
-    assert (stage_fields["design_condition"][1:] > 5.0 * stage_fields["design_condition"][0]).all()
-    np.testing.assert_allclose(stage_fields["design_bound"], BENCHMARK, rtol=2e-6)
-
-
-def test_the_bound_does_not_depend_on_coordinates(stage_fields):
-    np.testing.assert_allclose(stage_fields["invariance_bound"], stage_fields["invariance_bound"][0], rtol=1e-7)
 
 
 # --- stationary disturbances ------------------------------------------------------------------------------------------
@@ -186,26 +136,6 @@ def test_the_bound_does_not_depend_on_coordinates(stage_fields):
 def euler_stage(inputs, loop, regulator):
     at = environment.slice_at(loop, 4, inputs().stationary_slice), inputs().stationary_level
     return programs.stage_at(inputs().recursion, loop, regulator, *at, 4, condition="euler")
-
-
-def test_the_polynomial_in_the_disturbance_is_that_of_the_stage(euler_stage):
-    points = SPHERES.random_points(40, np.random.Generator(np.random.Philox(3)))
-    polynomial, w = stationary.in_disturbances(euler_stage, points[:, :6]), 3.0 * points[:, 6:]
-    value, gradient, hessian = polynomial(w)
-
-    def at(change):
-        return euler_stage.values(np.hstack([points[:, :6], w + change]))
-
-    np.testing.assert_allclose(value, at(np.zeros(2)), rtol=1e-12)
-    step = 1e-3 * np.eye(2)
-    np.testing.assert_allclose(gradient, np.stack([(at(e) - at(-e)) / 2e-3 for e in step], axis=1), rtol=0, atol=1e-9)
-    # Of a cubic these differences are exact for any step.
-    step = 0.2 * np.eye(2)
-    mixed = (at(step[0] + step[1]) - at(step[0] - step[1]) - at(step[1] - step[0]) + at(-step[0] - step[1])) / 0.16
-    np.testing.assert_allclose(hessian[:, 0, 1], mixed, rtol=0, atol=1e-11)
-    np.testing.assert_array_equal(hessian[:, 0, 1], hessian[:, 1, 0])
-    second = [(at(e) - 2.0 * value + at(-e)) / 0.04 for e in step]
-    np.testing.assert_allclose(np.stack([hessian[:, 0, 0], hessian[:, 1, 1]]), second, rtol=0, atol=1e-11)
 
 
 def test_newton_finds_stationary_points_of_a_cubic():
@@ -240,19 +170,16 @@ def test_newton_takes_no_step_where_the_hessian_vanishes():
 def test_stationary_disturbances_are_saddles_outside_of_the_disc(still):
     assert still.stationary_converged > 0.9
     assert still.stationary_inside == 0 and still.stationary_norm[0] > 1.0 < still.stationary_norm[1] / 100.0
-    assert still.stationary_saddles == 1.0
     assert still.stationary_value > 1.5 * still.boundary_value
     assert still.interior_better == 0
     assert still.gradient_deviation < 1e-8
-    # The rates know the density only: their gradient is along its own, nowhere zero, their Hessian of rank one.
-    assert still.gradient_angle < 1e-9 and still.gradient_least > 0.0 and still.hessian_rank_one < 1e-9
 
 
 def test_an_additive_disturbance_has_no_stationary_point(inputs, model, regulator):
     given = inputs(density_disturbance="additive").call(stationary.compute, model, regulator)
     # V' is affine in w then: nothing but rounding is left of its Hessian.
     assert given.interior_better == 0 and given.stationary_inside == 0
-    assert given.gradient_deviation < 1e-8 and given.gradient_least > 0.0
+    assert given.gradient_deviation < 1e-8
 
 
 def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(
@@ -306,36 +233,6 @@ def test_the_euler_step_differs_in_second_order(inputs, loop, regulator, design)
     assert (np.abs(ratio - 4.0) < 1.2).all()
 
 
-def test_without_disturbance_the_level_never_rises(inputs, model, regulator):
-    undisturbed = inputs(steps_per_slice=24).call(undisturbed_funnel.compute, model, regulator)
-    assert undisturbed.undisturbed_outcome == "complete"
-    assert (np.diff(undisturbed.undisturbed_level) < 0.0).all() and undisturbed.undisturbed_level[-1] > 0.0
-
-
-def test_a_larger_slice_reaches_a_larger_one(several):
-    assert (np.diff(several.reached_level, axis=1) > 0.0).all()
-    base = monotonicity.FACTORS.index(1.0)
-    assert several.reached_level[0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
-
-
-def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
-    wide = inputs(
-        studied_bank_factors=np.array([]),
-        studied_initial_factors=np.array([1.0]),
-        studied_density_factors=np.array([8.0]),
-        coarse_stages=10,
-    )
-    changes = wide.call(divergence.compute, model)
-    assert changes.change.tolist() == ["disturbance of the density", "initial set"]
-    assert "the funnel diverges" in changes.change_outcome[0] and changes.change_outcome[1] == "complete"
-    diverged, same = changes.change_level
-    ended = np.flatnonzero(np.isnan(diverged))[0]
-    assert 2 < ended < 10 and np.isfinite(diverged[:ended]).all() and np.isnan(diverged[ended:]).all()
-    assert (diverged[2:ended] > same[2:ended]).all()
-    # The flights stay finite all the same, and those of the unchanged case inside of its funnel.
-    assert (changes.change_lost == 0).all() and changes.change_flown[1] < same.max()
-
-
 @pytest.fixture(scope="module")
 def small_of(inputs):
     """Function that returns inputs for the part of the flight between two nodes, in two slices or four."""
@@ -344,16 +241,7 @@ def small_of(inputs):
         "steps_per_slice": 4,
         "coarse_stages": 2,
         "studied_stages": np.array([2.0]),  # beside the four of the reading
-        "studied_slices": np.array([0.25]),
-        "studied_levels": np.array([0.4]),
-        "studied_bank_factors": np.array([0.5]),
-        "studied_density_factors": np.array([1.5]),
-        "studied_initial_factors": np.array([2.0]),
         "backward_level": 5.0,
-        "regulator_state_factors": np.array([2.0]),
-        "regulator_bank_factors": np.array([]),
-        "regulator_time_factors": np.array([]),
-        "regulator_terminal_factors": np.array([3.0]),
     }
     return lambda **changes: inputs(**(few | changes))
 
@@ -382,27 +270,7 @@ def spacings(small, part):
 
 @pytest.fixture(scope="module")
 def coarse(small, part, spacings):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(coarse_funnels, "SECOND_SOLVER", "SCS")
-        return small.call(coarse_funnels.compute, *part, spacings)
-
-
-def test_other_weights_make_other_funnels(small_of, small, part, spacings):
-    lines, designed = part
-    study = small.call(regulators.compute, lines)
-    assert study.variant.tolist() == [
-        *("as the reading", "shape of least trace", "scales of the states", "weight at the end")
-    ]
-    np.testing.assert_array_equal(study.level[0], spacings.level[0, 0][:3])
-    np.testing.assert_array_equal(study.slice_time, lines.time[::8])
-    # One weight, and that alone: the regulator that a reading with this weight has.
-    heavy = small_of(terminal_weight=3.0 * small.terminal_weight)
-    given = heavy.call(gains.compute, lines)
-    air = environment.disturbed_air(heavy.planet, heavy.uncertainty)
-    loop = environment.closed_loop(heavy.planet, heavy.vehicle, air, lines, given.half_gain)
-    level, _ = programs.propagate(heavy.recursion, loop, given, programs.samples(heavy.recursion), 8)
-    np.testing.assert_array_equal(study.level[3], level)
-    assert designed.initial_level != study.level[1, 0]
+    return small.call(coarse_funnels.compute, *part, spacings)
 
 
 def variant(study, name):
@@ -424,15 +292,12 @@ def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part,
     by_spacing = small_of().call(discretization.compute, *part, funnel)
     np.testing.assert_array_equal(by_spacing.level, spacings.level)
     assert (4, "flow") not in propagated
-    for other in ({"condition": "euler"}, {"sampling": "raw"}, {"inflated": True}, {"additive": True}):
-        propagated.clear()
-        small_of(**other).call(discretization.compute, *part, funnel)
-        assert (4, "flow") in propagated
+    small_of(inflated=True).call(discretization.compute, *part, funnel)
+    assert (4, "flow") in propagated
 
 
 def test_multipliers_and_samples_give_one_funnel(coarse):
     assert coarse.multiplier_difference < 1e-6
-    np.testing.assert_allclose(coarse.second_difference, 0.0, atol=1e-6)  # of two tolerances here
     assert coarse.multiplier_status.tolist() == ["optimal"] * 2
 
 
@@ -459,42 +324,3 @@ def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
     # Longer slices, larger differences.
     assert study.mean_difference[0] > study.mean_difference[1]
     np.testing.assert_array_equal(variant(coarse, "samples"), study.level[0, 0][: slices[0]])
-    assert variant(coarse, "order 1")[-1] < variant(coarse, "order 2")[-1]
-
-
-@pytest.mark.parametrize("name", ["spacings", "coarse", "stage_fields", "still", "several"])
-def test_artifacts_are_kept(name, request, tmp_path):
-    artifact = request.getfixturevalue(name)
-    artifact = StageStudy(**artifact) if name == "stage_fields" else artifact
-    path = tmp_path / "made.h5"
-    artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
-    loaded = artifacts.load(path, type(artifact))
-    for field in fields(artifact):
-        np.testing.assert_array_equal(getattr(loaded, field.name), getattr(artifact, field.name))
-
-
-def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
-    stage = programs.stage_at(inputs().recursion, loop, regulator, 26, 3.0, 4)
-    assert (stage.first, stage.last, stage.order, stage.condition) == (100, 104, 3, "flow")
-    assert isinstance(stage, FunnelStage)
-    finer = programs.stage_at(inputs().recursion, loop, regulator, 26, 3.0, 2, condition="euler")
-    assert (finer.first, finer.last) == (50, 52)
-    np.testing.assert_array_equal(finer.shape, regulator.shape[50])
-    assert replace(finer, rho=1.0).rho == 1.0
-
-
-@pytest.mark.parametrize(
-    ("inputs", "message"),
-    [
-        ({"studied_levels": [0.4, 3.0]}, "studied_levels: give one level for each of studied_slices"),
-        ({"stationary_slice": 1.0}, "stationary_slice"),
-        ({"studied_samples": [42, 406]}, "studied_samples"),
-        ({"studied_bank_factors": [0.0]}, "studied_bank_factors"),
-    ],
-)
-def test_studies_that_cannot_be_are_refused(inputs, message):
-    studies = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": studies}}}
-    with pytest.raises(InputError) as error:
-        load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
-    assert message in str(error.value)

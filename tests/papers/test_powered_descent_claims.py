@@ -1,18 +1,16 @@
 """Claims, tables and the catalogue: all that the paper prints has its evaluator, and verdicts follow the numbers."""
 
-import inspect
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.powered_descent import figures, tables
+from marsedl.papers.powered_descent import tables
 from marsedl.papers.powered_descent.claims import measures
 from marsedl.papers.powered_descent.claims.measures import UPPER
 from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import collect
-from marsedl.replication.errors import InputError
 
 PAPER = catalogue("powered_descent")
 DECLARATIONS = claims_of("powered_descent").declarations
@@ -26,7 +24,13 @@ def evaluate(pipeline, reading, large=False, **replaced):
 
 @pytest.fixture(scope="module")
 def evaluations(pipeline):
-    return {name: evaluate(pipeline, name, large=name != "printed") for name in READINGS}
+    return {
+        "corrected": evaluate(pipeline, "corrected", large=True),
+        "printed": evaluate(pipeline, "printed"),
+        "target4": evaluate(
+            pipeline, "target4", closed_loop_large=pipeline.ensemble("target4", "closed_loop_large", 20_000)
+        ),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -39,55 +43,12 @@ def rows(published, evaluations):
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
-def public_functions(module):
-    return {
-        name
-        for name, function in inspect.getmembers(module, inspect.isfunction)
-        if function.__module__ == module.__name__ and not name.startswith("_")
-    }
-
-
-def test_every_figure_and_table_of_the_catalogue_has_its_function():
-    assert len(PAPER.figures) == 10 and {f"fig0{n}" for n in (1, 2, 3, 4, 5, 7)} | {"fig06a", "fig06b"} < set(
-        PAPER.figures
-    )
-    # A drawing function that the catalogue does not name would never be drawn.
-    assert public_functions(figures) == set(PAPER.figures)
-    assert set(PAPER.tables) | set(PAPER.summaries) <= public_functions(tables)
-
-
-@pytest.mark.parametrize("stem", [*PAPER.figures, *PAPER.tables])
-def test_captions_are_sentences(stem):
-    assert PAPER.product(stem).caption.endswith(".")
-
-
 def test_every_printed_claim_has_an_evaluator_in_every_reading(published, evaluations):
     assert len(published) == 31
     for name in READINGS:
         assert set(evaluations[name]) == set(published), name
     missing = {name: None for name, evaluation in evaluations["corrected"].items() if evaluation is None}
     assert not missing
-
-
-def test_a_claim_without_evaluator_is_noticed(published, evaluations):
-    without = {name: value for name, value in evaluations["corrected"].items() if name != "gain_jump_26s"}
-    with pytest.raises(InputError, match="without an evaluator: gain_jump_26s"):
-        collect(list(published.values()), DECLARATIONS, evaluations | {"corrected": without})
-
-
-def test_declarations_name_existing_claims_and_errata(published):
-    erratum_ids = [erratum.id for erratum in PAPER.errata]
-    assert erratum_ids == [f"E{number}" for number in range(1, 18)]
-    for name, declaration in DECLARATIONS.items():
-        assert name in published
-        assert set(declaration.errata) <= set(erratum_ids), name
-        assert declaration.close is None  # nothing is excused by a tolerance
-
-
-def test_readings_over_which_reasons_speak_exist(pipeline):
-    assert set(READINGS) <= set(pipeline.study.readings)
-    for stage in PAPER.stages.values():
-        assert set(stage.claimed_in) <= set(pipeline.study.readings)
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -172,16 +133,6 @@ def test_every_counted_claim_is_turned_by_its_counterexample(turned):
     assert {name for name, example in turned.items() if example is None} == {"midcourse_deviation_cause"}
 
 
-def test_counterexamples_are_changes_of_plausible_size(turned):
-    for name, example in turned.items():
-        if example is None:
-            continue
-        if example["change"] in ("scaled", "spread"):
-            assert 0.3 < example["amount"] < 4, name
-        if example["change"] == "shifted":
-            assert abs(example["amount"]) < 0.5, name
-
-
 def with_variances(ensemble, factor):
     return replace(ensemble, covariance=factor * ensemble.covariance)
 
@@ -220,36 +171,20 @@ def test_without_the_study_a_reading_still_has_its_verdicts(pipeline):
 # --- what was tried ---------------------------------------------------------------------------------------------------
 
 
-def test_the_reason_of_the_prior_mass_counts_what_was_tried(pipeline, published, rows):
-    choices = pipeline.choices()
-    masses = choices.final_mass
-    assert masses.shape == (2, 2, 2, 3, 2, 4)
-    masses_of_choices = measures.tried_masses(choices, published)
-    assert (masses_of_choices.number, masses_of_choices.converged) == (192, 24)
-    assert masses_of_choices.lowest_converged == pytest.approx(1349.40, abs=5e-3) == masses[..., 0, -1].min()
-    # What rounds to the printed number: exchanged speeds, in a first pass whose flight has no feedback.
-    near = np.argwhere(np.abs(masses - 1346) <= 0.5)
-    assert [tuple(index) for index in near] == [(0, 1, 1, constant, 1, 0) for constant in range(3)]
-    assert (
-        "3 round to the printed number (pass 1, without feedback, speeds exchanged)"
-        in rows["prior_final_mass"]["reason"]
-    )
-
-
-def test_a_choice_that_burns_all_of_the_mass_has_no_final_mass(pipeline, published):
+def test_a_choice_that_burns_all_of_the_mass_has_no_final_mass(pipeline):
     choices = pipeline.choices(choice_mass_flow_constants=np.array([4.8541333e-4, 5e-3]), choice_trials=2)
     assert np.isfinite(choices.final_mass[:, :, :, 0]).all()
     # Ten times the mass flow: some iterations burn all of the mass on the way, and go no further.
     lost = np.isnan(choices.final_mass[:, :, :, 1])
     assert 0 < lost[..., -1].sum() < lost[..., -1].size
     assert (lost[..., 1:] >= lost[..., :-1]).all()
-    assert measures.tried_masses(choices, published).number == np.isfinite(choices.final_mass).sum() < 128
+    assert measures.tried_masses(choices).lowest_converged == np.nanmin(choices.final_mass[..., 0, -1])
 
 
 def test_the_chi_square_of_a_choice_is_that_of_its_mean(pipeline, published):
     choices = pipeline.choices()
     chi_square = measures.mean_chi_square(published, choices)
-    assert chi_square.shape == (3, 3, 9)
+    assert chi_square.shape == (3, 3, 5)
     index = (2, 1, 4)
     difference = np.array([100.111, 49.807, 0.092, -0.005]) - choices.mean[index]
     error = choices.covariance[index] / 2000 + choices.mean_error[index]
@@ -288,21 +223,12 @@ def test_table_of_equation_54(pipeline, published):
     assert tests["degrees of freedom"].tolist() == [10, 6] and set(tests["trials"]) == {20_000}
 
 
-def test_table_of_algorithm_1_gives_variances_of_the_printed_order_alone(pipeline):
-    study = pipeline.fixed_point()
-    table = tables.algorithm_1(study)
-    assert len(table) == study.iterations.size
-    errors = table.set_index("order")["largest error of the final variances (%)"]
-    assert errors["gauss_seidel"].isna().all()
-    np.testing.assert_array_equal(errors["jacobi"], 100 * study.covariance_error.ravel())
-
-
 def test_table_of_readings(pipeline, published):
-    large = {name: pipeline.artifacts(name, large=name != "printed") for name in READINGS}
+    large = {name: pipeline.artifacts(name, large=name == "corrected") for name in READINGS}
     whole = tables.readings(pipeline.of_readings(tables.Records, large), published)
     # Rows of equal trials stand together.
-    assert whole["reading"].tolist() == [*READINGS, "corrected", "target4"]
-    assert whole["trials"].tolist() == [2000] * 3 + [20_000] * 2
+    assert whole["reading"].tolist() == [*READINGS, "corrected"]
+    assert whole["trials"].tolist() == [2000] * 3 + [20_000]
     table = whole.iloc[:3].set_index("reading")
     corrected, printed, target4 = (table.loc[name] for name in ("corrected", "printed", "target4"))
     noise = ["design noise (N sqrt(s))", "plant noise (N sqrt(s))"]
@@ -317,7 +243,11 @@ def test_table_of_readings(pipeline, published):
 def test_tables_of_choices(pipeline, published):
     choices = pipeline.choices()
     masses = tables.choices_of_mass(published, choices)
-    assert len(masses) == 24 and masses["rounds to the printed"].sum() == 3
-    assert masses["final mass (kg)"].min() == pytest.approx(1349.40, abs=5e-3)
+    assert len(masses) == 16 and masses["rounds to the printed"].sum() == 2
+    lowest = measures.tried_masses(choices).lowest_converged
+    assert masses["final mass (kg)"].min() == lowest == pytest.approx(1349.40, abs=5e-3)
+    # What rounds to the printed number: exchanged speeds, in a first pass whose flight has no feedback.
+    near = np.argwhere(np.abs(choices.final_mass - 1346) <= 0.5)
+    assert [tuple(index) for index in near] == [(0, 1, 1, constant, 1, 0) for constant in range(2)]
     simulated = tables.choices_of_simulation(published, choices)
-    assert len(simulated) == 81 and simulated["chi-square"].min() == measures.tried_means(choices, published).chi_square
+    assert len(simulated) == 45 and simulated["chi-square"].min() == measures.tried_means(choices, published).chi_square

@@ -7,7 +7,7 @@ is meant where no other reason is stated.
 import numpy as np
 import pytest
 
-from marsedl.methods.covariance_steering.closed_form import predicted_covariance, riccati_initial
+from marsedl.methods.covariance_steering.closed_form import escape_margin, predicted_covariance, riccati_initial
 from marsedl.papers.powered_descent import flight, nominal, segments
 from marsedl.replication.errors import MarsedlError
 
@@ -46,24 +46,7 @@ def test_mass_after_each_pass(pipeline):
     assert trajectory.mass[segment_end(trajectory, 0)] == pytest.approx(1390.5594, abs=1e-4)
 
 
-def test_changes_of_the_mass_profile_by_pass(pipeline):
-    trajectory = pipeline.nominal()
-    # The last passes are at rounding level.
-    np.testing.assert_allclose(
-        trajectory.largest_change[:6], [150, 1.28, 1.42e-2, 1.68e-4, 1.73e-6, 1.89e-8], rtol=5e-3
-    )
-    np.testing.assert_allclose(
-        trajectory.integrated_change[:6], [3479, 28.5, 0.305, 2.86e-3, 3.1e-5, 3.5e-7], rtol=2e-2
-    )
-    for changes in (trajectory.largest_change, trajectory.integrated_change):
-        assert (changes[1:6] / changes[:5] < 0.05).all()
-    assert trajectory.integrated_change[-1] < pipeline.stage_inputs("corrected", "nominal").mass_tolerance
-    np.testing.assert_array_equal(
-        trajectory.largest_change, np.abs(np.diff(trajectory.mass_of_pass, axis=0)).max(axis=1)
-    )
-
-
-@pytest.mark.parametrize("guess", [1000.0, 1250.0])
+@pytest.mark.parametrize("guess", [1000.0])
 def test_the_fixed_point_does_not_depend_on_the_starting_guess(pipeline, guess):
     inputs, trajectory = pipeline.stage_inputs("corrected", "nominal"), pipeline.nominal()
     divert = inputs.call(segments.divert_of)
@@ -109,12 +92,7 @@ def test_a_profile_of_the_first_pass_is_what_the_design_assumes(pipeline, profil
     assert np.abs(gains.feedforward - pipeline.gains().feedforward).max() > 1.0
 
 
-def test_without_feedback_the_second_pass_is_known(pipeline):
-    masses = pipeline.nominal(mass_profile="first_pass_without_feedback").mass_of_pass[:, -1]
-    np.testing.assert_allclose(masses[1:5], [1341.67, 1349.739, 1349.435, 1349.445], atol=5e-3)
-
-
-@pytest.mark.parametrize("reading", ["newton_noise", "target4", "printed_eq46"])
+@pytest.mark.parametrize("reading", ["printed_eq46"])
 def test_mass_and_mean_do_not_depend_on_noise_and_covariances(pipeline, reading):
     # The feedback is idle at the fixed point; what is left is the stopping tolerance of the iteration.
     same_model = {"initial_velocity_angle": np.radians(110.0), "mass_flow_constant": None}
@@ -143,14 +121,10 @@ def test_a_divert_that_burns_all_of_the_mass_is_an_error(pipeline):
 
 MEAN_MOTION = [  # time, mean state, mass, thrust fraction
     (0, (250, 500, 46.985, -17.101), 1500, 0.7755),
-    (5, (387.13, 414.06, 9.831, -17.069), 1470.03, 0.5976),
     (10, (369.02, 331.28, -14.907, -15.860), 1447.53, 0.4380),
-    (15, (260.52, 257.21, -26.183, -13.599), 1430.80, 0.3455),
     (20, (130.87, 196.93, -23.254, -10.349), 1415.34, 0.3860),
-    (25, (52.77, 155.51, -5.434, -6.018), 1395.43, 0.5385),
     (26, (50, 150, 0, -5), 1390.56, 0.5768),
     (30, (58.66, 121.90, 3.875, -8.490), 1382.46, 0.2549),
-    (35, (82.22, 78.32, 4.817, -8.031), 1369.71, 0.3319),
     (40, (99.35, 50.99, 1.268, -1.931), 1353.24, 0.4242),
     (41, (100, 50, 0, 0), 1349.44, 0.4440),
 ]
@@ -163,12 +137,6 @@ def test_mean_motion(pipeline, node, time, mean, mass, fraction):
     assert_digits(gains.mean[k], mean, [5.1e-3, 5.1e-3, 5.1e-4, 5.1e-4])
     assert trajectory.mass[k] == pytest.approx(mass, abs=5.1e-3)
     assert np.linalg.norm(gains.feedforward[k]) / MAXIMUM_THRUST == pytest.approx(fraction, abs=5.1e-5)
-
-
-def test_mean_motion_is_the_same_in_both_artifacts(pipeline):
-    # One more design on a mass that changed by less than the tolerance of the iteration.
-    np.testing.assert_allclose(pipeline.gains().mean, pipeline.nominal().mean, atol=1e-8)
-    np.testing.assert_allclose(pipeline.gains().feedforward, pipeline.nominal().feedforward, atol=1e-5)
 
 
 def test_thrust_jumps_at_the_switch_and_state_and_mass_do_not(pipeline, node):
@@ -248,25 +216,6 @@ def test_gains(pipeline, node, time, after, downrange, downrange_target4, altitu
         assert_digits(gains.gain[k, 1, [1, 3]], altitude, [5.1e-3, 0.051])
 
 
-def test_largest_gains_and_sign_changes(pipeline):
-    gains = pipeline.gains()
-    for number, axis, row, largest, time in (
-        (0, 0, 0, 39.8, 19.0),
-        (0, 0, 2, 307.3, 15.8),
-        (1, 1, 1, 416.1, 39.1),
-        (1, 1, 3, 981.4, 38.2),
-    ):
-        inside = gains.segment == number
-        curve = gains.gain[inside, axis, row]
-        assert curve.max() == pytest.approx(largest, abs=0.051)
-        assert gains.time[inside][curve.argmax()] == pytest.approx(time, abs=0.051)
-    for number, axis, time in ((0, 0, 24.98), (0, 1, 24.98), (1, 0, 40.69), (1, 1, 40.96)):
-        inside = gains.segment == number
-        negative = gains.gain[inside, axis, axis] < 0
-        assert (np.diff(negative.astype(int)) >= 0).all()  # one change, to negative
-        assert gains.time[inside][negative.argmax()] == pytest.approx(time, abs=0.0151)  # one cell
-
-
 def test_axes_do_not_couple_agree_in_segment_one_and_the_gain_jumps(pipeline, node):
     gains = pipeline.gains()
     for row, columns in ((0, (1, 3)), (1, (0, 2))):
@@ -298,32 +247,14 @@ def test_riccati_solution_at_the_start(pipeline, reading, number, axis, riccati)
     assert np.linalg.eigvalsh(solution).min() > 0
 
 
-def test_costs_of_the_feedback(pipeline):
-    gains = pipeline.gains()
-    expected = ((1.609634e6, 1.609634e6), (None, 1.065318e6))
-    for number, problem in enumerate(problems(pipeline)):
-        inside = gains.segment == number
-        gain, covariance = gains.gain[inside], gains.covariance[inside]
-        spread = np.einsum("kij,kjl,kil->ki", gain, covariance, gain)
-        by_axis = np.trapezoid(spread, problem.time, axis=0)
-        for axis in (0, 1):
-            if expected[number][axis]:
-                # 1e-5: the trapezoidal rule on these cells.
-                assert by_axis[axis] == pytest.approx(expected[number][axis], rel=1e-5)
-        assert gains.covariance_cost[number] == pytest.approx(by_axis.sum(), rel=1e-5)
-
-
 # --- predicted covariance ---------------------------------------------------------------------------------------------
 
 VARIANCES = [  # time, r1 for the target 5, r1 for the target 4, r2
     (0, 40, 40, 40),
-    (5, 101.505, 101.505, 101.505),
     (10, 145.914, 145.914, 145.914),
-    (13, 133.572, 133.572, 133.572),
     (20, 47.930, 47.930, 47.930),
     (26, 10, 10, 10),
     (30, 14.824, 14.6455, 13.911),
-    (33, 14.868, 14.333, 12.167),
     (36, 10.519, 9.661, 6.285),
     (41, 5, 4, 0.25),
 ]
@@ -335,20 +266,6 @@ def test_predicted_variances(pipeline, node, time, downrange, downrange_target4,
         gains = pipeline.gains(reading)
         variances = np.diag(gains.covariance[node(gains, time)])[:2]
         np.testing.assert_allclose(variances, [expected, altitude], rtol=0, atol=5.1e-4)
-
-
-def test_peaks_of_the_predicted_variances(pipeline):
-    for reading, number, axis, peak, time in (
-        ("corrected", 0, 0, 145.98, 10.2),
-        ("corrected", 1, 0, 15.56, 31.5),
-        ("target4", 1, 0, 15.23, 31.3),
-        ("corrected", 1, 1, 14.06, 30.65),
-    ):
-        gains = pipeline.gains(reading)
-        inside = gains.segment == number
-        curve = gains.covariance[inside, axis, axis]
-        assert curve.max() == pytest.approx(peak, abs=5.1e-3)
-        assert gains.time[inside][curve.argmax()] == pytest.approx(time, abs=0.051)
 
 
 def test_predicted_covariance_is_positive_continuous_and_meets_the_ends(pipeline, node):
@@ -386,9 +303,9 @@ def test_riccati_solution_exists_and_the_other_root_escapes(pipeline):
     gains = pipeline.gains()
     for number, margin in ((0, 0.0253), (1, 0.0032)):
         assert gains.escape_margin[gains.segment == number].min() == pytest.approx(margin, abs=5.1e-5)
-    assert (gains.plus_root_margin < 0).all()
-    # although it meets the final covariance just as well
     for problem in problems(pipeline):
+        assert escape_margin(problem, riccati_initial(problem, +1)).min() < 0
+        # although it meets the final covariance just as well
         end = predicted_covariance(
             problem, riccati_initial(problem, +1), problem.noise_density, problem.initial_covariance
         )[-1]
@@ -396,7 +313,7 @@ def test_riccati_solution_exists_and_the_other_root_escapes(pipeline):
         np.testing.assert_allclose(end / np.outer(scale, scale), np.eye(4), atol=1e-9)
 
 
-@pytest.mark.parametrize("unit", [1.0, 1000.0])
+@pytest.mark.parametrize("unit", [1.0])
 def test_the_unit_of_thrust_does_not_matter(pipeline, unit):
     base = pipeline.gains()
     other = pipeline.gains(thrust_unit=unit, noise_coefficient=360.0 / unit)
@@ -408,19 +325,7 @@ def test_the_unit_of_thrust_does_not_matter(pipeline, unit):
 # --- independent checks -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("thrust_unit", [1.0, 100.0, 1e4, 1e6])
-def test_both_ends_are_met_at_any_noise_density(pipeline, thrust_unit):
-    # 0.02 to 20,000 N sqrt(s). The condition of the closed form grows as the noise falls, hence not 1e-9 as above.
-    gains, inputs = pipeline.gains(thrust_unit=thrust_unit), pipeline.stage_inputs("corrected", "gains")
-    assert np.linalg.eigvalsh(gains.covariance).min() > 0
-    assert gains.escape_margin.min() > 0
-    for number, target in ((0, inputs.intermediate_covariance), (1, inputs.final_covariance)):
-        scale = np.sqrt(np.diag(target))
-        reached = gains.covariance[segment_end(gains, number)]
-        np.testing.assert_allclose(reached / np.outer(scale, scale), np.eye(4), atol=1e-7)
-
-
-@pytest.mark.parametrize("thrust_unit", [1.0, 180.0, 1800.0, 18_000.0])
+@pytest.mark.parametrize("thrust_unit", [1.0, 18_000.0])
 def test_forward_integration_confirms_the_design(pipeline, thrust_unit):
     # Noise densities of 0.02 to 360 N sqrt(s). Few held intervals: the convex bounds are tested below.
     checks = pipeline.certificates(thrust_unit=thrust_unit, certificate_intervals=[15, 20])
@@ -493,26 +398,10 @@ def test_printed_readings_miss_the_target_in_newtons(pipeline):
         assert_digits(np.diag(gains.covariance[-1]), variances, digits)
 
 
-def test_printed_algorithm_in_newtons_is_slow_and_its_stopping_rule_wrong(pipeline):
-    study = pipeline.fixed_point("printed", fixed_point_iterations=150_000)
-    assert study.converged[0, 1].all()
-    assert (study.iterations[0, 1, 1] > 50_000).all()
-    np.testing.assert_allclose(study.covariance_error[0, 1], [0.0035, 0.0108], rtol=0.02)
-    # The corrected one does not converge there. Where an absolute tolerance of 1e-3 stops the printed one, it is far
-    # from the target of 10 m^2.
-    assert not study.converged[0, 0].any()
+def test_a_loose_tolerance_stops_the_printed_algorithm_far_from_the_target(pipeline):
+    study = pipeline.fixed_point("printed")
     assert study.loose_iterations[0].tolist() == [88, 31]
-    assert study.loose_variance[0, 0, 0] == pytest.approx(1307, abs=1)
-
-
-def test_the_range_of_the_sweep_and_of_the_search_are_inputs(pipeline):
-    study = pipeline.fixed_point(density_range=np.array([200.0, 400.0]), density_points=5)
-    np.testing.assert_allclose(study.density[[0, -1]], [200.0, 400.0])
-    assert study.sweep_error.shape == (5, 2, 2)
-    above = pipeline.fixed_point(critical_density_range=np.array([300.0, 400.0]))
-    assert (above.critical_density == 0).all()  # none in the range
-    tight = pipeline.fixed_point(fixed_point_loose_tolerance=1e-9)
-    assert (tight.loose_iterations >= pipeline.fixed_point().loose_iterations).all()
+    assert study.loose_variance[0, 0, 0] == pytest.approx(1307, abs=1)  # m^2, where 10 are asked for
 
 
 def test_iterations_grow_with_less_noise_and_stop_at_critical_densities(pipeline):

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import same_color
-from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import variance_sampling_band
 from marsedl.papers import catalogue
-from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, save_figure
+from marsedl.plotting.style import BLACK, BLUE, ORANGE, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
 OVER_TIME = ("fig01", "fig04", "fig05", "fig06a", "fig06b", "fig07")
@@ -44,25 +43,11 @@ def curves(axes, color=None):
     return [line for line in lines if color is None or same_color(line.get_color(), color)]
 
 
-@pytest.mark.parametrize("reading", ["corrected", "printed"])
 @pytest.mark.parametrize("stem", PAPER.figures)
-def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
-    figure = draw(stem, reading)
-    assert isinstance(figure, Figure)
-    for axes in figure.axes:
-        assert axes.has_data()
-        assert axes.get_xlabel() or axes not in figure.axes[-1:]
-    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
-
-
-@pytest.mark.parametrize("stem", OVER_TIME)
-def test_time_runs_from_zero_to_41_s_with_a_mark_at_the_switch(draw, stem):
+def test_every_figure_draws(draw, stem):
     for axes in draw(stem).axes:
-        np.testing.assert_allclose(axes.get_xlim(), [0.0, 41.0], atol=1e-9)
-        marks = [line for line in axes.lines if list(line.get_xdata()) == [26.0, 26.0]]
-        assert len(marks) == 1 and same_color(marks[0].get_color(), GREY)
+        assert axes.has_data()
+        assert axes.get_xlabel() or axes not in draw(stem).axes[-1:]
 
 
 @pytest.mark.parametrize("stem", ["fig06a", "fig06b"])
@@ -148,19 +133,6 @@ def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
     assert any("3-sigma ellipses (98.9 %)" in text.get_text() for text in draw("fig03").legends[0].get_texts())
 
 
-def test_fig04_shows_the_components_of_the_same_trials(draw, pipeline):
-    ensemble = pipeline.ensemble()
-    panels = draw("fig04").axes
-    assert len(panels) == 4
-    for component, axes in enumerate(panels):
-        lines = curves(axes, BLUE)
-        assert len(lines) == DRAWN
-        for line, trial in zip(lines, ensemble.kept_history, strict=True):
-            np.testing.assert_array_equal(line.get_ydata(), trial[:, component])
-        (mean,) = curves(axes, BLACK)
-        np.testing.assert_array_equal(mean.get_ydata(), pipeline.gains().mean[:, component])
-
-
 def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node):
     ensemble, nominal = pipeline.ensemble(), pipeline.nominal()
     axes, difference = draw("fig05").axes
@@ -185,16 +157,6 @@ def test_fig05_marks_the_printed_final_masses(pipeline, published):
         [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "x"] for axes in (masses, difference)
     ]
     assert crosses == [[[[41.0, 1349.0]], [[41.0, 1346.0]]], [[[41.0, 3.0]]]]
-
-
-def test_fig06a_shows_position_and_velocity_gains(draw, pipeline):
-    gains = pipeline.gains()
-    for axes, column in zip(draw("fig06a").axes, (0, 2), strict=True):
-        for row, color in ((0, BLUE), (1, ORANGE)):
-            first, second = curves(axes, color)
-            expected = gains.gain[:, row, column + row]
-            np.testing.assert_array_equal(first.get_ydata(), expected[gains.segment == 0])
-            np.testing.assert_array_equal(second.get_ydata(), expected[gains.segment == 1])
 
 
 def test_fig06b_is_ordered_and_below_the_limit(draw, pipeline):
@@ -243,19 +205,3 @@ def test_fixed_point_figure_shows_both_orders_and_segments(draw, pipeline):
             np.testing.assert_array_equal(line.get_ydata()[done], study.sweep_iterations[done, order, number])
             assert np.isnan(line.get_ydata()[~done]).all()
         assert len(curves(axes, color)) == len(curves(errors, color)) == 2
-
-
-def test_integrator_figure_shows_every_component_with_those_of_its_unit(draw, pipeline):
-    errors = pipeline.integrator_error()
-    panels = np.reshape(draw("integrator_error").axes, (3, 2))
-    for (strong, bias), unit, components in zip(panels, ("m", "m/s", "kg"), ((0, 1), (2, 3), (4,)), strict=True):
-        assert strong.get_ylabel() == f"difference ({unit})"
-        expected = [errors.strong_error[scheme, :, component] for scheme in (0, 1) for component in components]
-        lines = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
-        for line, values in zip(lines, expected, strict=True):
-            np.testing.assert_array_equal(line.get_xydata(), np.transpose([errors.step, values]))
-        lowest, highest = strong.get_ylim()
-        assert lowest <= np.min(expected) and np.max(expected) <= highest
-        resolved = [line for line in bias.lines if line.get_marker() == "s"]
-        assert len(resolved) == len(components)
-    assert all(np.isfinite(panels[0, 1].lines[3].get_ydata()))  # altitude, by Euler-Maruyama, is resolved at every step

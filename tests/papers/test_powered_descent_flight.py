@@ -3,18 +3,15 @@
 from dataclasses import fields, replace
 from functools import partial
 
-import numba
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.statistics import wishart_deviance
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
 from marsedl.papers.powered_descent.records import DEPTH, THRUST
-from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Flown, Trial
 from marsedl.replication.jobs import arguments_of, compute_record
 
@@ -97,11 +94,8 @@ def oracle(gains, seed, trial, step, scheme, feedback=True, prior=None, hold=Non
     ("scheme", "case", "trial", "hold"),
     [
         ("rk4", "closed_loop", 0, None),
-        ("rk4", "closed_loop", 77, None),
         ("rk4", "open_loop", 3, None),
         ("rk4", "prior_mass", 9, None),
-        ("rk4", "closed_loop", 11, 1),
-        ("rk4", "closed_loop", 11, 5),
         ("rk4", "prior_mass", 12, 7),  # divides neither segment
         ("euler_maruyama", "closed_loop", 5, None),
         ("semi_implicit_euler", "closed_loop", 6, None),
@@ -134,14 +128,6 @@ def test_initial_states_have_the_given_moments(pipeline):
     # Four standard errors of 20,000 trials: of a mean, of a correlation, of a variance.
     assert np.abs(scaled.mean(axis=0)).max() < 4 / np.sqrt(20_000)
     assert np.abs(np.cov(scaled, rowvar=False) - np.eye(4)).max() < 4 * np.sqrt(2 / 20_000)
-
-
-def test_correlated_initial_states():
-    covariance = np.array([[40.0, 10, 0, 3], [10, 40, 1, 0], [0, 1, 5, 2], [3, 0, 2, 5]])
-    states = flight.initial_states(flight.Start(np.arange(4.0), covariance, 1500.0), 1, np.arange(20_000))
-    scale = np.sqrt(np.diag(covariance))
-    error = (np.cov(states[:, :4], rowvar=False) - covariance) / np.outer(scale, scale)
-    assert np.abs(error).max() < 4 * np.sqrt(2 / 20_000)
 
 
 def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, node):
@@ -223,41 +209,7 @@ def test_a_flight_without_noise_and_dispersion_follows_the_mean_and_the_prior_ma
     np.testing.assert_allclose(trajectories.observed[:, THRUST, 0], thrust, rtol=1e-6)
 
 
-def test_the_noise_is_injected(pipeline):
-    # Without plant noise the final variances are those that the start alone leaves, well below the target.
-    target = np.array([5.0, 0.25, 0.25, 0.25])
-    quiet = fly_quietly(pipeline, 0.0, 1.0, 2000).final_state[:4].var(axis=1)
-    noisy = fly_quietly(pipeline, NOISE_DENSITY, 1.0, 2000).final_state[:4].var(axis=1)
-    assert (quiet < 0.5 * target).all()
-    # 4 standard errors of a variance from 2,000 trials, and 2 % of nonlinearity
-    np.testing.assert_allclose(noisy, target, rtol=4 * np.sqrt(2 / 2000) + 0.02)
-
-
 # --- nothing depends on how it is run ---------------------------------------------------------------------------------
-
-
-def test_results_do_not_depend_on_the_number_of_threads(pipeline):
-    before = numba.get_num_threads()
-    assert numba.config.NUMBA_NUM_THREADS > 1 or before == 1  # one core only: nothing to compare
-    try:
-        results = []
-        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
-            numba.set_num_threads(threads)
-            results.append(pipeline.fly("corrected", pipeline.gains(), trials=1500))
-    finally:
-        numba.set_num_threads(before)
-    for result in results[1:]:
-        assert_identical(results[0], result)
-
-
-@pytest.mark.parametrize(("trials", "block_size", "chunks"), [(2500, 1000, 2), (2500, 1000, 3), (700, 100, 5)])
-def test_results_do_not_depend_on_the_number_of_chunks(pipeline, trials, block_size, chunks):
-    gains = pipeline.gains()
-    whole = pipeline.fly("corrected", gains, trials=trials, block_size=block_size)
-    parts = pipeline.fly("corrected", gains, trials=trials, block_size=block_size, chunks=chunks)
-    assert whole.count == trials and len(whole.final_state) == trials
-    assert (whole.flying == trials).all()
-    assert_identical(whole, parts)
 
 
 def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
@@ -273,17 +225,7 @@ def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
     assert_identical(record, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
 
 
-def test_a_trial_does_not_depend_on_the_number_of_trials(pipeline):
-    few, many = pipeline.ensemble(trials=300), pipeline.ensemble(trials=1500)
-    for name in ("final_state", "observed_maximum", "outcome"):
-        np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:300])
-    np.testing.assert_array_equal(few.kept_history, many.kept_history)
-    # and the large cases fly the same trials and more
-    large = pipeline.ensemble(case="closed_loop_large", trials=1500)
-    assert_identical(many, large)
-
-
-@pytest.mark.parametrize("trial", [0, 63, 64, 1499])
+@pytest.mark.parametrize("trial", [0, 1499])
 def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
     ensemble, gains = pipeline.ensemble(trials=1500), pipeline.gains()
     alone = simulator(pipeline)(trial, trial + 1)
@@ -299,29 +241,7 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
     assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, other))
 
 
-def test_another_seed_gives_other_trials(pipeline):
-    base, other = simulator(pipeline)(0, 10), simulator(pipeline, seed=1)(0, 10)
-    assert (base.final_state != other.final_state).all()
-
-
-def test_moments_and_maxima_are_those_of_the_trials(pipeline):
-    ensemble = pipeline.fly("corrected", pipeline.gains(), trials=300, block_size=100)
-    trajectories = simulator(pipeline)(0, 300)
-    # Rounding only: blocks are merged instead of summed at once.
-    np.testing.assert_allclose(ensemble.mean, trajectories.history.mean(axis=-1), rtol=1e-12, atol=1e-12)
-    for k in (0, 20, 52, 53, 83):
-        np.testing.assert_allclose(ensemble.covariance[k], np.cov(trajectories.history[k]), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(ensemble.observed_mean, trajectories.observed.mean(axis=-1), rtol=1e-12)
-    np.testing.assert_array_equal(ensemble.maximum_over_trials, trajectories.observed.max(axis=-1))
-    np.testing.assert_array_equal(ensemble.observed_maximum, trajectories.observed_maximum.T)
-    np.testing.assert_array_equal(ensemble.final_state, trajectories.final_state.T)
-    assert (ensemble.histogram.sum(axis=-1) == 300).all()
-    expected = np.concatenate([np.arange(0, 26.1, 0.5), np.arange(26, 41.1, 0.5)])
-    np.testing.assert_allclose(ensemble.time, expected, atol=1e-12)
-    assert ensemble.segment.tolist() == [0] * 53 + [1] * 31
-
-
-@pytest.mark.parametrize(("time_step", "output_interval"), [(0.1, 0.5), (0.3, 0.7), (1.0, 0.5), (0.07, 3.0)])
+@pytest.mark.parametrize(("time_step", "output_interval"), [(0.3, 0.7), (1.0, 0.5), (0.07, 3.0)])
 def test_outputs_end_with_each_segment_whatever_the_steps(pipeline, time_step, output_interval):
     sizes = {"time_step": time_step, "output_interval": output_interval}
     ensemble = pipeline.fly("corrected", pipeline.gains(), trials=10, **sizes)
@@ -334,20 +254,6 @@ def test_outputs_end_with_each_segment_whatever_the_steps(pipeline, time_step, o
 
 
 # --- trials that end badly --------------------------------------------------------------------------------------------
-
-
-def test_crashes_are_counted_and_not_dropped(pipeline):
-    # Open loop, with an output at every step, so that a crash is visible in the history.
-    trajectories = simulator(pipeline, "open_loop", output_interval=0.1)(0, 600)
-    below = (trajectories.history[:, 1] < 0).any(axis=0)
-    assert 0 < below.sum() < 600
-    np.testing.assert_array_equal(trajectories.outcome == CRASHED, below)
-    np.testing.assert_array_equal(trajectories.outcome == COMPLETED, ~below)
-    np.testing.assert_array_equal(trajectories.observed_maximum[DEPTH], -trajectories.history[:, 1].min(axis=0))
-    ensemble = pipeline.fly("corrected", pipeline.gains(), "open_loop", trials=600, output_interval=0.1)
-    assert (ensemble.outcome == CRASHED).sum() == below.sum()
-    assert (ensemble.count, ensemble.excluded, len(ensemble.outcome)) == (600, 0, 600)
-    np.testing.assert_allclose(ensemble.mean[-1], trajectories.final_state.mean(axis=1), rtol=1e-10)
 
 
 def test_a_crash_between_two_outputs_is_seen():
@@ -387,92 +293,45 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     assert "trial 3 of closed_loop: not finite" in trial
 
 
-def test_a_case_with_only_non_finite_trials_can_still_be_stored(pipeline, tmp_path):
-    gains, inputs = absurd(pipeline.gains()), pipeline.stage_inputs("corrected", "montecarlo_chunk")
-    records = {"nominal": pipeline.nominal(), "gains": gains}
-    chunk = inputs.call(montecarlo.simulate, **records, flown=Flown("closed_loop", 100, 100))
-    gather = pipeline.stage_inputs("corrected", "montecarlo_gather")
-    for records in (chunk, gather.call(montecarlo.gather, [chunk])):
-        artifacts.save(tmp_path / "case.h5", records, paper="powered_descent", reading="corrected", provenance={})
-        loaded = artifacts.load(tmp_path / "case.h5", type(records), paper="powered_descent", reading="corrected")
-        assert_identical(records, loaded)
-
-
 # --- integrators ------------------------------------------------------------------------------------------------------
 
 
-def test_trajectories_have_the_fields_that_the_tests_compare():
-    assert {field.name for field in fields(Trajectories)} == {
-        *("history", "observed", "observed_maximum", "final_state", "outcome", "length")
-    }
+def test_at_the_production_step_runge_kutta_has_no_bias_and_euler_maruyama_a_known_one(pipeline):
+    """Flights on shared Brownian paths, against steps of 0.01 s."""
+    inputs, gains, trials = pipeline.stage_inputs("corrected", "montecarlo_chunk"), pipeline.gains(), 1000
+    times = segments.grids(inputs.segment_durations, inputs.design_interval)
+    start = flight.Start(segments.initial_mean(inputs.entry), inputs.initial_covariance, WET_MASS)
+    states = flight.initial_states(start, inputs.seed, np.arange(trials))
 
+    def ends(scheme, refinement):
+        schedules = flight.schedules_of(times, gains, [2600 // refinement, 1500 // refinement])
+        draws, every = flight.Draws(inputs.seed, increments=refinement), [schedule.steps for schedule in schedules]
+        plant = flight.Plant(GRAVITY, MASS_FLOW, NOISE_DENSITY)
+        return flight.fly(schedules, plant, states, draws, steps_per_output=every, integrator=scheme).final_state.T
 
-@pytest.fixture(scope="module")
-def errors(pipeline):
-    return pipeline.integrator_error(convergence_trials=2000)
-
-
-def by_step(errors, name, scheme, step):
-    k = np.flatnonzero(np.isclose(errors.step, step))
-    return getattr(errors, name)[list(errors.scheme).index(scheme), k[0]]
-
-
-def test_euler_maruyama_has_a_mean_bias_that_halves_with_the_step(errors):
-    reference = {  # downrange, altitude, their rates, mass
-        0.02: (-0.014, -0.057, 0.044, 0.020, -0.062),
-        0.1: (-0.060, -0.284, 0.221, 0.104, -0.316),
-        0.2: (-0.099, -0.571, 0.446, 0.217, -0.649),
-        0.5: (-0.074, -1.46, 1.15, 0.602, -1.75),
-    }
-    for step, bias in reference.items():
-        means = by_step(errors, "bias", "euler_maruyama", step)
-        # Two samples of 2,000 trials, and half a digit of the known values.
-        error = by_step(errors, "bias_standard_error", "euler_maruyama", step)
-        digit = 5e-3 if step == 0.5 else 5e-4
-        assert (np.abs(means - bias) < 4 * np.sqrt(2) * error + digit).all()
-    small, large = (by_step(errors, "bias", "euler_maruyama", step)[1:] for step in (0.1, 0.2))
-    np.testing.assert_allclose(large / small, 2.0, rtol=0.1)  # first order, with a second-order rest
-
-
-def test_runge_kutta_has_no_resolved_bias_at_the_production_step(errors):
-    for step in (0.05, 0.1, 0.2):
-        bias, error = (by_step(errors, name, "rk4", step) for name in ("bias", "bias_standard_error"))
-        assert (np.abs(bias) < 4 * error).all()
-    assert (np.abs(by_step(errors, "variance_bias", "rk4", 0.1)) < 2e-3).all()
-
-
-def test_both_schemes_have_strong_order_one(errors):
-    reference = {
-        ("rk4", 0.1): (0.0118, 0.0075, 0.0030, 0.0050, 0.0038),
-        ("rk4", 0.2): (0.0232, 0.0149, 0.0061, 0.0102, 0.0076),
-        ("rk4", 0.5): (0.0598, 0.0389, 0.0156, 0.0255, 0.0195),
-        ("euler_maruyama", 0.1): (0.066, 0.285, 0.221, 0.106, 0.317),
-        ("euler_maruyama", 0.2): (0.113, 0.572, 0.447, 0.219, 0.651),
-    }
-    for (scheme, step), expected in reference.items():
-        # A root mean square over 2,000 trials has a relative error of 1.6 %; four of both samples' are 9 %.
-        np.testing.assert_allclose(by_step(errors, "strong_error", scheme, step), expected, rtol=0.09)
-
-
-def test_the_reference_of_the_study_is_the_finest_run(pipeline, errors):
-    assert errors.reference_step == pytest.approx(0.01)
-    assert errors.trials == 2000
-    np.testing.assert_allclose(errors.step, [0.02, 0.05, 0.1, 0.2, 0.5])
+    reference = ends("rk4", 1)
+    for scheme, bias, spread in (
+        ("rk4", np.zeros(5), (0.0118, 0.0075, 0.0030, 0.0050, 0.0038)),
+        ("euler_maruyama", (-0.060, -0.284, 0.221, 0.104, -0.316), (0.066, 0.285, 0.221, 0.106, 0.317)),
+    ):
+        difference = ends(scheme, 10) - reference
+        error = difference.std(axis=0) / np.sqrt(trials)
+        # The known values are of 2,000 trials and have half a digit.
+        assert (np.abs(difference.mean(axis=0) - bias) < 4 * 1.3 * error + 5e-4).all(), scheme
+        np.testing.assert_allclose(np.sqrt((difference**2).mean(axis=0)), spread, rtol=0.11)
 
 
 # --- choices of the simulation ----------------------------------------------------------------------------------------
 
 
 def test_the_mean_of_a_choice_is_that_of_many_trials(pipeline):
-    """The estimate from flights compared with linear ones, against plain means of forty times the trials."""
+    """The estimate from flights compared with linear ones, against plain means of twenty times the trials."""
     choices = pipeline.choices()
     for index, changes in (
-        ((0, 0, 0), {}),
-        ((0, 0, 3), {"integrator": "euler_maruyama", "time_step": 0.05}),
-        ((0, 2, 0), {"command_interval": 0.5}),
+        ((0, 0, 1), {"integrator": "euler_maruyama", "time_step": 0.05}),
         ((2, 0, 0), {"mass_profile": "first_pass_without_feedback"}),
     ):
-        many = pipeline.ensemble(trials=20_000, **changes)
+        many = pipeline.ensemble(trials=10_000, **changes)
         error = np.sqrt(np.diag(many.covariance[-1, :4, :4] / many.count + choices.mean_error[index]))
         assert (np.abs(choices.mean[index] - many.mean[-1, :4]) < 4 * error).all(), index
         # and far more precise than the plain mean of as many trials

@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 
-from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.double_integrator import (
-    covariance_of,
-    covariance_root,
     nominal_states,
     program,
     system,
 )
-from marsedl.papers.random_field.field_study import HYPOTHESES
-from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.partition import steps_between_outputs, with_short_end_steps
-from marsedl.papers.random_field.records import SPEED_UNITS
 
 CLOSED = 1
 NODES = [0.0, 50.0, *np.arange(75.0, 351.0, 25.0), 400.0]
@@ -43,7 +37,7 @@ def test_a_partition_of_other_times_is_flown_without_another_input(random_field)
     changes = {"partition": np.array([0.0, 51.0, 100.0, 130.0, 160.0, 190.0, 300.0, 400.0]), "iterations": 1}
     gains = random_field.gains("corrected", **changes)
     assert np.diff(gains.time) == pytest.approx(1.0)
-    ensemble = random_field.ensemble("corrected", trials=1000, **changes)
+    ensemble = random_field.ensemble("corrected", trials=10, **changes)
     assert np.isin(gains.partition, ensemble.time).all()
 
 
@@ -76,36 +70,9 @@ def test_a_mean_variation_is_a_denser_atmosphere_whose_variation_is_smaller(rand
     difference = (shifted.disturbance_covariance - other.disturbance_covariance).reshape(42, 42)
     assert np.abs(difference / np.outer(scale, scale)).max() < 1e-6
     shifted, other = (
-        random_field.ensemble("corrected", trials=200, iterations=1, **changes) for changes in (raised, denser)
+        random_field.ensemble("corrected", trials=20, iterations=1, **changes) for changes in (raised, denser)
     )
     np.testing.assert_allclose(shifted.delta_v[0], other.delta_v[0], atol=1e-4)
-
-
-# --- correlation ------------------------------------------------------------------------------------------------------
-
-
-def test_the_fully_correlated_reading_is_a_field_of_one_normal_number(random_field):
-    air = random_field.inputs("correlated").air
-    altitude = np.linspace(30e3, 250e3, 30)
-    covariance = environment.kernel(air)(altitude[:, np.newaxis], altitude)
-    deviation = environment.deviation(air, altitude)
-    np.testing.assert_allclose(covariance, np.outer(deviation, deviation), rtol=1e-6)
-    # The study flies the same field with an infinite length, in the same normal numbers.
-    study = random_field.field_study("corrected")
-    ensemble = random_field.ensemble("correlated", trials=study.trials)
-    percentile = study.percentile[list(HYPOTHESES).index("fully correlated")]
-    assert delta_v_percentile(ensemble, 0)[0] == pytest.approx(percentile, rel=2e-3)
-
-
-def test_the_study_flies_the_laws_that_the_readings_fly(random_field):
-    """At the reading's own variance the study's rows are those of `corrected` and `metres`, trial by trial."""
-    study = random_field.field_study("corrected")
-    of_reading = int(np.argmin(np.abs(study.variance - 0.148)))
-    for reading, unit in (("corrected", "km/s"), ("metres", "m/s")):
-        ensemble = random_field.ensemble(reading, trials=study.trials)
-        percentiles = [delta_v_percentile(ensemble, law)[0] for law in range(len(ensemble.delta_v))]
-        np.testing.assert_allclose(study.law_percentile[SPEED_UNITS.index(unit), of_reading], percentiles, rtol=1e-9)
-    assert study.law_percentile[0, :, 0] == pytest.approx(study.law_percentile[1, :, 0], nan_ok=True)
 
 
 # --- what feedback refers to, and the guess ---------------------------------------------------------------------------
@@ -113,12 +80,8 @@ def test_the_study_flies_the_laws_that_the_readings_fly(random_field):
 
 def test_feedback_refers_to_what_the_reading_says(random_field):
     gains = {
-        name: random_field.gains(reading)
-        for name, reading in (
-            ("mean", "corrected"),
-            ("expansion_point", "reference_expansion"),
-            ("propagated_mean", "reference_propagated"),
-        )
+        name: random_field.gains("corrected", feedback_reference=name)
+        for name in ("mean", "expansion_point", "propagated_mean")
     }
     nodes = np.searchsorted(gains["mean"].time, gains["mean"].partition)
     states = np.stack(
@@ -154,11 +117,11 @@ def test_correlated_initial_deviations_are_flown_and_designed_for(random_field):
     gains = random_field.gains("corrected", **changes)
     matrix = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
     np.testing.assert_allclose(gains.covariance[1, 0], matrix * np.outer(deviations, deviations), rtol=1e-9)
-    ensemble = random_field.ensemble("corrected", trials=2000, **changes)
+    ensemble = random_field.ensemble("corrected", trials=500, **changes)
     covariance = ensemble.covariance[0, 0, :3, :3]
     scale = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(covariance / np.outer(scale, scale), matrix, atol=4.0 / np.sqrt(2000))
-    np.testing.assert_allclose(scale, deviations, rtol=4.0 / np.sqrt(4000))
+    np.testing.assert_allclose(covariance / np.outer(scale, scale), matrix, atol=4.0 / np.sqrt(500))
+    np.testing.assert_allclose(scale, deviations, rtol=4.0 / np.sqrt(1000))
 
 
 # --- double integrator ------------------------------------------------------------------------------------------------
@@ -204,26 +167,6 @@ def test_a_second_iteration_linearises_the_force_where_the_first_leads(random_fi
         change = np.abs(second.disturbance_covariance - first.disturbance_covariance).max()
         assert (change > 1e-3 * np.abs(first.disturbance_covariance).max()) == moved
         assert (second.objective == pytest.approx(first.objective, rel=1e-9)) != moved
-
-
-def test_covariances_of_the_double_integrator_may_be_full(random_field):
-    root = covariance_root([0.05, 0.01], 0.6)
-    np.testing.assert_allclose(root @ root.T, covariance_of([0.05, 0.01], 0.6), rtol=1e-12)
-    correlated = {"double_integrator_initial_correlation": -0.6, "double_integrator_final_correlation": 0.3}
-    design = random_field.double_integrator("corrected", **correlated)
-    first = design.covariance[CLOSED, 0]
-    assert first[0, 1] / np.sqrt(first[0, 0] * first[1, 1]) == pytest.approx(-0.6, rel=1e-9)
-    bound = covariance_of([0.05, 0.01], 0.3)
-    assert np.linalg.eigvalsh(bound - design.covariance[CLOSED, -1]).min() > -1e-6 * bound[0, 0]
-
-
-def test_weights_of_state_and_percentile_do_what_they_weigh(random_field):
-    plain = random_field.double_integrator("corrected")
-    narrow = random_field.double_integrator("corrected", double_integrator_state_weights=np.array([0.1, 0.0]))
-    assert narrow.covariance[CLOSED, 1:-1, 0, 0].sum() < 0.99 * plain.covariance[CLOSED, 1:-1, 0, 0].sum()
-    slow = {"double_integrator_percentile_weight": 1.0, "double_integrator_percentile_direction": np.array([0.0, 1.0])}
-    steered = random_field.double_integrator("corrected", **slow)
-    assert steered.covariance[CLOSED, -1, 1, 1] < 0.9 * plain.covariance[CLOSED, -1, 1, 1]
 
 
 def test_the_force_without_its_period_is_the_other_factor_of_its_covariance(random_field):

@@ -1,6 +1,5 @@
 """Claims and tables of the random-field paper: everything printed has its evaluator, verdicts follow the numbers."""
 
-import inspect
 import json
 from dataclasses import replace
 
@@ -13,7 +12,8 @@ from marsedl.papers import catalogue
 from marsedl.papers.random_field import tables
 from marsedl.papers.random_field.claims import measures
 from marsedl.papers.random_field.environment import targets
-from marsedl.papers.random_field.records import VARIANTS, Convergence, Regularization
+from marsedl.papers.random_field.records import CRASHED, VARIANTS, Convergence
+from marsedl.replication.artifacts import quantities
 from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import COUNTED_VERDICTS, collect, judge, write_claims
 from marsedl.replication.tables import csv_text, printed_cells
@@ -23,12 +23,13 @@ PAPER = catalogue("random_field")
 CLAIMS = claims_of("random_field")
 DECLARATIONS = CLAIMS.declarations
 TRIALS = 5000
-# Flown here; the other readings are evaluated with their own inputs and the artifacts of `corrected`.
+# Flown here, with so many trials.
 FLOWN = {
     "corrected": TRIALS,
-    **dict.fromkeys(("printed", "literal_gains", "both_branches", "metres"), 1000),
-    **dict.fromkeys(("angle_printed", "doc_fit", "doc_fit_correlated"), 2000),
+    **dict.fromkeys(("printed", "literal_gains", "both_branches", "metres", "doc_fit"), 1000),
+    **dict.fromkeys(("angle_printed", "doc_fit_correlated"), 2000),
 }
+READINGS = (*FLOWN, "sign_printed", "cc_to_4")  # the last two with their own inputs and the flights of `corrected`
 STUDIED = {  # rest on studies of `corrected`
     *(
         "psi_hat_statistics",
@@ -61,33 +62,13 @@ def cycle():
     )
 
 
-def sizes():
-    """A study of the navigation errors whose smallest one loses too many trials."""
-    factor = np.array([0.1, 1.0, 3.0])
-    return Regularization(
-        factor=factor,
-        position_error=10.0 * factor,
-        condition_number=1e3 / factor**2,
-        largest_gain=np.array([5e5, 3.6, 3.0]),
-        predicted_deviation=np.array([1.1, 3.6, 6.9]),
-        design_deviation=np.array([1.2, 4.2, 9.2]),
-        flown_deviation=np.array([50.9, 6.4, 11.0]),
-        percentile=np.array([np.nan, 303.0, 322.0]),
-        percentile_error=np.array([np.nan, 0.2, 0.8]),
-        saturated=np.array([150, 2, 1]),
-        worst_step=np.array([120, 1, 0]),
-        lost=np.array([10, 0, 0]),
-    )
-
-
 def artifacts(random_field, reading):
     """Everything that the claims of a reading are made from, at reduced size."""
     flown_reading = reading if reading in FLOWN else "corrected"
     records = {name: random_field.stage(name, flown_reading) for name in ("nominal", "linearization", "gains")}
     records["aerocapture"] = random_field.ensemble(flown_reading, trials=FLOWN[flown_reading])
     if reading == "corrected":
-        records |= {name: random_field.stage(name, reading) for name in ("certificates", "field_study")}
-        records |= {"convergence": cycle(), "regularization": sizes()}
+        records |= {"certificates": random_field.stage("certificates", reading), "convergence": cycle()}
     if reading in random_field.paper.stages["double_integrator"].claimed_in:
         for name in ("double_integrator", "double_integrator_flights"):
             records[name] = random_field.stage(name, reading)
@@ -100,33 +81,28 @@ def evaluate(random_field, reading="corrected", inputs=None, **replaced):
 
 @pytest.fixture(scope="module")
 def evaluations(random_field):
-    return {name: evaluate(random_field, name) for name in random_field.study.readings}
+    return {name: evaluate(random_field, name) for name in READINGS}
 
 
 @pytest.fixture(scope="module")
-def rows(random_field_published, evaluations):
+def rows(random_field, random_field_published, evaluations):
     erratum_ids = {erratum.id for erratum in PAPER.errata}
-    claim_rows = collect(list(random_field_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
+    claim_rows = collect(
+        list(random_field_published.values()),
+        DECLARATIONS,
+        evaluations,
+        known_errata=erratum_ids,
+        left_out=set(random_field.study.readings) - set(READINGS),
+    )
     return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
-def test_every_table_and_summary_of_the_catalogue_has_its_function():
-    function_names = {
-        name
-        for name, function in inspect.getmembers(tables, inspect.isfunction)
-        if function.__module__ == tables.__name__ and not name.startswith("_")
-    }
-    assert function_names - {"only_density"} == set(PAPER.tables) | set(PAPER.summaries)
-    assert not set(PAPER.figures) & (set(PAPER.tables) | set(PAPER.summaries))
-
-
 def test_every_printed_claim_is_evaluated_in_every_reading(random_field, random_field_published, evaluations):
     claim_names = {name for name, claim in random_field_published.items() if claim.kind != "context"}
     assert len(claim_names) == 82
-    assert set(evaluations) > {*FLOWN, "cc_to_4", "tf_500", "doc_fit"}
     for name, of_reading in evaluations.items():
         assert set(of_reading) == claim_names, name
         missing = {claim for claim, evaluation in of_reading.items() if evaluation is None}
@@ -134,19 +110,6 @@ def test_every_printed_claim_is_evaluated_in_every_reading(random_field, random_
         if name not in random_field.paper.stages["double_integrator"].claimed_in:
             expected |= set(DOUBLE)
         assert missing == expected, name
-
-
-def test_declarations_name_existing_claims_and_all_errata(random_field_published):
-    erratum_ids = [erratum.id for erratum in PAPER.errata]
-    assert erratum_ids == [f"E{number}" for number in range(1, 19)]
-    assert set(DECLARATIONS) <= set(random_field_published)
-    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(erratum_ids)
-    assert not [name for name, declaration in DECLARATIONS.items() if declaration.close]
-
-
-def test_reasons_quote_numbers_that_exist(rows):
-    assert not [name for name, row in rows.items() if "{" in row["reason"]]
-    assert "the third law is no better than the second" in rows["acap_p99_decreases_each_iteration"]["reason"]
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -213,10 +176,7 @@ def test_other_readings_do_what_the_reasons_say(rows):
     assert verdict("acap_dv_p99_open", "doc_fit_correlated") == "reproduced"
     assert verdict("acap_zero_lift_at_max_q", "metres") == "fails"
     assert verdict("acap_max_variance_above_h_trans", "sign_printed") == "fails"
-    assert verdict("acap_end_steps_longer", "end_step_25") == "fails"
     assert verdict("dint_chance_constraints_satisfied", "cc_to_4") == "fails"
-    assert verdict("dint_constraint_slopes", "slopes_printed") == "reproduced"
-    assert verdict("dint_ellipses_protrude", "slopes_printed") == "fails"
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
@@ -279,12 +239,6 @@ def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_
         assert judge(random_field_published[name], evaluation).verdict == "reproduced"
 
 
-@pytest.mark.parametrize(("count", "trials"), [(0, 50), (1, 1000), (15, 5000), (49, 50), (50, 50)])
-def test_binomial_tests_are_exact(count, trials):
-    chance = stats.binomtest(count, trials, 0.0027, alternative="greater").pvalue
-    assert measures.chance_of_more(count, trials, 0.0027) == pytest.approx(chance, rel=1e-9)
-
-
 def test_distances_of_distributions_and_tails():
     sample = stats.norm(3.0, 2.0).rvs(500, random_state=np.random.default_rng(3))
     assert measures.distribution_distance(sample, 3.3, 1.8) == pytest.approx(
@@ -307,6 +261,55 @@ def test_without_the_absolute_value_the_predicted_means_are_right(random_field, 
     assert kinked > 15.0 and abs(smooth) < 1.0
     evidence = evaluations["corrected"]["acap_abs_value_error_source"].evidence
     assert f", {kinked:.1f} m/s above" in evidence and evidence.endswith(f", {smooth:.1f} m/s")
+
+
+def lost(ensemble, laws):
+    """The ensemble with all flights of some laws lost: without moments, percentiles and states at the end."""
+    lost = {name: np.array(getattr(ensemble, name)) for name in ("final_state", "covariance", "mean", "observed_mean")}
+    lost |= {name: np.array(getattr(ensemble, name)) for name in ("apoapsis", "delta_v", "observed_maximum")}
+    counts = {name: np.array(getattr(ensemble, name)) for name in ("outcome", "count", "flying")}
+    for array in lost.values():
+        array[laws] = np.nan
+    counts["outcome"][laws], counts["count"][laws], counts["flying"][laws] = CRASHED, 0, 0
+    return replace(ensemble, **lost, **counts, excluded=ensemble.excluded + ensemble.count - counts["count"])
+
+
+def without_solution(record):
+    """The record with no number wherever it says that there may be none."""
+    missing = {
+        name: np.full_like(getattr(record, name), np.nan) if declared.dims else np.nan
+        for name, declared in quantities(type(record)).items()
+        if declared.allow_nan
+    }
+    return replace(record, **missing)
+
+
+@pytest.mark.parametrize("case", ["last law", "open loop", "all laws", "no law", "no solutions"])
+def test_claims_and_tables_cope_with_what_is_lost(random_field, random_field_published, case):
+    """Cells are empty, and no claim takes the others with it."""
+    records = artifacts(random_field, "corrected")
+    laws = {"last law": [LAST], "open loop": [0], "all laws": slice(None)}.get(case)
+    if laws is not None:
+        records["aerocapture"] = lost(records["aerocapture"], laws)
+    elif case == "no law":
+        records |= artifacts(random_field, "printed")
+    else:
+        records = {name: without_solution(record) for name, record in records.items()}
+    evaluations = random_field.evaluate("corrected", records)
+    assert not [name for name, evaluation in evaluations.items() if evaluation is None]
+    readings, left_out = {"printed": evaluations, "corrected": evaluations}, set(random_field.study.readings)
+    rows = collect(
+        list(random_field_published.values()),
+        DECLARATIONS,
+        readings,
+        require_reasons=False,
+        left_out=left_out - set(readings),
+    )
+    verdicts = {row["id"]: row["verdict"] for row in rows}
+    assert verdicts["acap_dv_p99_closed"] == "differs" or case == "open loop"
+    assert verdicts["acap_lc_better_for_guess_state"] == "fails"
+    for stem in PAPER.tables:
+        csv_text(random_field.product("tables", stem, "corrected", records, published=random_field_published))
 
 
 # --- verdicts can fail ------------------------------------------------------------------------------------------------
@@ -377,15 +380,6 @@ def test_lift_is_judged_in_the_interval_that_holds_the_peak(random_field):
         assert new_evaluations["acap_zero_lift_at_max_q"].value is met, k
 
 
-def test_deviations_of_next_to_nothing_do_not_decide_which_prediction_is_better(random_field):
-    """A prediction ten times too large where a state hardly deviates changes nothing."""
-    gains = artifacts(random_field, "corrected")["gains"]
-    before = evaluate(random_field)["acap_lc_better_for_guess_state"]
-    wrong = replace(gains, covariance=with_value(gains.covariance, 100.0 * gains.covariance[0, 1], 0, 1))
-    assert evaluate(random_field, gains=wrong)["acap_lc_better_for_guess_state"].evidence == before.evidence
-    assert "left out" in before.evidence
-
-
 def test_a_cycle_is_no_steady_descent(random_field):
     """Falling, falling, and back, or standing still: neither lowers the percentile in every iteration."""
     ensemble = artifacts(random_field, "corrected")["aerocapture"]
@@ -417,7 +411,7 @@ def test_few_violations_more_are_not_told_from_what_is_allotted(random_field, ra
     counts = records["aerocapture"].histogram[LAST, row, 0]
     beyond = evaluate(random_field, **violated(records, share=0.02))["acap_control_within_bounds"]
     interval = stats.binomtest(int(counts[0] + counts[-1]) + 100, TRIALS).proportion_ci(0.9973, method="exact")
-    assert (beyond.numbers["low"], beyond.numbers["high"]) == pytest.approx((100 * interval.low, 100 * interval.high))
+    assert f"({100 * interval.low:.3f} to {100 * interval.high:.3f} %" in beyond.evidence
 
 
 def test_all_trials_decide_on_the_chance_constraint(random_field, random_field_published):
@@ -431,30 +425,6 @@ def test_all_trials_decide_on_the_chance_constraint(random_field, random_field_p
         ]
         assert new_evaluations.trials == total and judge(printed, new_evaluations).verdict == verdict
         assert new_evaluations.numbers["share"] == pytest.approx(100 * share, abs=0.05)
-    assert new_evaluations.numbers["chance"] < 1e-6
-
-
-def test_lines_of_the_printed_slopes_would_lie_far_from_the_law_and_near_the_open_loop(random_field):
-    """By hand: the distance of the mean from both lines, in deviations across them."""
-    design = random_field.stage("double_integrator", "corrected")
-    mean, covariance = [*design.mean, design.free_mean], [*design.covariance, design.free_covariance]
-    distance = []
-    for law in (0, 1, 2):
-        for node in range(6):
-            position, velocity = mean[law][node]
-            for slope, side in ((-0.5, 1.0), (0.5, -1.0)):
-                across = np.array([-slope, 1.0])
-                room = side * (0.1 + slope * (position - 0.7) - velocity)
-                distance.append((law, room / np.sqrt(across @ covariance[law][node] @ across)))
-    found = evaluate(random_field)["dint_constraint_slopes"]
-    numbers = found.numbers
-    assert numbers["open_distance"] == pytest.approx(min(value for law, value in distance if law == 0), rel=1e-4)
-    assert numbers["closed_distance"] == pytest.approx(min(value for law, value in distance if law == 1), rel=1e-4)
-    assert numbers["free_distance"] == pytest.approx(min(value for law, value in distance if law == 2), rel=1e-4)
-    assert numbers["free_distance"] == pytest.approx(5.57, abs=0.005)
-    assert numbers["open_distance"] < np.sqrt(-2.0 * np.log(0.0027)) < numbers["free_distance"]
-    assert "5.57 deviations from the mean of the law without constraints" in found.evidence
-    assert numbers["flatter"] == pytest.approx(20.0, rel=1e-3)
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -540,20 +510,6 @@ def test_tables_of_the_studies(random_field, random_field_published):
     ends = frame.groupby("variant", sort=False).last()
     assert ends["end of the iteration"].tolist() == ["cycling", "converged", "stopped"]
     assert ends["period of the cycle"].tolist() == [2, 1, 0]
-    frame = table(random_field, random_field_published, "navigation_errors")
-    assert frame["99th percentile (m/s)"].fillna(0).tolist() == [0, 303, 322]
-    assert frame["beyond the control limits at the worst step (%)"][0] == pytest.approx(40)  # 120 of 300
-    frame = table(random_field, random_field_published, "other_fields")
-    study = random_field.stage("field_study", "corrected")
-    assert frame["99th percentile (m/s)"].tolist()[:2] == [717, study.percentile[0]]
-    assert frame["share of the printed one"].tolist()[:2] == [1.0, study.percentile[0] / 717]
-    assert all("(hypothesis)" in name for name in frame["field"][2 : 1 + len(study.hypothesis)])
-    frame = table(random_field, random_field_published, "other_variances")
-    assert len(frame) == 2 + study.law_percentile.size == 2 + 2 * 6 * 4
-    assert frame["99th percentile (m/s)"].tolist()[:3] == [717, 314, study.law_percentile[0, 0, 0]]
-    row = frame[(frame["factor of the variance"] == 2.0) & (frame["law"] == "iteration 3")].iloc[-1]
-    assert row["unit of delta-v in the cost"] == "m/s" and row["99th percentile (m/s)"] == study.law_percentile[1, 3, 3]
-    assert row["beyond the control limits at the worst step (%)"] == 100 * study.law_worst_step[1, 3, 3] / study.trials
     frame = table(random_field, random_field_published, "certificates")
     assert frame["other solver"].tolist() == ["SCS"] and frame["other solver: difference of the cost"][0] < 1e-6
 
@@ -579,18 +535,3 @@ def test_summaries_over_readings(random_field, random_field_published):
     # Only what differs in nothing but the density.
     assert summary["nominal density"].tolist() == ["in the paper", "corrected", "doc_fit"]
     assert summary["entry flight path angle, less the printed (deg)"][1] == pytest.approx(-0.0137, abs=5e-4)
-
-
-def test_densities_say_which_reading_comes_closest(random_field, random_field_published):
-    items = artifacts(random_field, "corrected")
-    other = replace(
-        items["nominal"], entry_flight_path_angle=np.radians(-10.01), time_of_largest_dynamic_pressure=150.0
-    )
-    none = replace(items["aerocapture"], delta_v=np.full_like(items["aerocapture"].delta_v, np.nan))
-    records_by_reading = random_field.of_readings(
-        tables.Records, {"corrected": items, "doc_fit": items | {"nominal": other, "aerocapture": none}}
-    )
-    summary = tables.densities_apart(records_by_reading, random_field_published)
-    assert summary["closest reading"].tolist() == ["doc_fit", *["corrected"] * 3]
-    assert summary["distance of the closest"].tolist()[:2] == pytest.approx([0.0028, 0.18], abs=5e-3)
-    assert summary["largest less least"].isna().tolist() == [False, False, True, True]

@@ -12,15 +12,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, flight_statistics, linearization, montecarlo, nominal
-from marsedl.papers.random_field import field_study as fields
+from marsedl.papers.random_field import environment, flight, linearization, montecarlo, nominal
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds, system
+from marsedl.papers.random_field.double_integrator import kernel, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
 from marsedl.papers.random_field.linearization import UNITS
 from marsedl.papers.random_field.records import CLOSED, OPEN
@@ -28,7 +27,7 @@ from marsedl.replication.errors import MarsedlError
 
 RADIUS, MU = 3397e3, 4.2828e13
 INTERVALS, NODES = 14, np.array([0.0, 50.0, *np.arange(75.0, 351.0, 25.0), 400.0])
-DENSITIES = ("marsgram_daily_mean", "jezero_2021", "cospar_nh_mean", "doc_fit", "exponential")
+DENSITIES = ("marsgram_daily_mean", "jezero_2021", "doc_fit", "exponential")
 PRINTED_ANGLE, PRINTED_TIME = -10.0128, 147.0
 
 
@@ -114,22 +113,10 @@ def test_nominal_numbers(random_field, spline):
     assert trajectory.delta_v == pytest.approx(278.80, abs=0.0051)
 
 
-def test_the_interpolation_of_the_density_does_not_decide_the_nominal(random_field, spline):
-    """Known: 1e-4 deg and 0.02 s between a natural and a monotone cubic."""
-    trajectory, other = random_field.nominal(), random_field.nominal("corrected", **spline)
-    assert np.degrees(trajectory.entry_flight_path_angle - other.entry_flight_path_angle) == pytest.approx(
-        0.0, abs=1.5e-4
-    )
-    assert trajectory.time_of_largest_dynamic_pressure == pytest.approx(
-        other.time_of_largest_dynamic_pressure, abs=0.025
-    )
-
-
 @pytest.mark.parametrize("reading", ["corrected", *DENSITIES])
 def test_the_guess_reaches_the_target(random_field, reading):
     trajectory = random_field.nominal(reading)
     assert trajectory.apoapsis == pytest.approx(5.0, abs=1e-9)
-    assert trajectory.clean_up_burn == pytest.approx(0.0, abs=1e-6)
     assert trajectory.lowest_altitude == pytest.approx(45e3, rel=0.07)
     assert trajectory.altitude[0] == 125e3 and trajectory.velocity[0] == 6100.0 and trajectory.time[-1] == 400.0
 
@@ -163,12 +150,6 @@ def test_nominal_is_a_flight_of_eq_71(random_field, everything):
     assert abs(trajectory.time_of_largest_dynamic_pressure - trajectory.time[pressure.argmax()]) <= 0.125
     expected = np.sqrt(0.148 * np.exp((np.minimum(trajectory.altitude, 120e3) - 120e3) / 20e3))
     np.testing.assert_allclose(trajectory.variation_deviation, expected, rtol=1e-12)
-
-
-def test_a_given_entry_angle_is_flown(random_field):
-    trajectory = random_field.nominal("printed")
-    assert np.degrees(trajectory.entry_flight_path_angle) == pytest.approx(PRINTED_ANGLE, abs=1e-12)
-    assert trajectory.apoapsis > 5.0  # shallower than that of this density
 
 
 # --- linear model -----------------------------------------------------------------------------------------------------
@@ -238,31 +219,30 @@ def test_affine_model_reproduces_its_trajectory(random_field, everything):
 
 
 def test_disturbance_covariance_is_symmetric_positive_and_of_second_order(random_field):
-    """Errors relative to the standard deviations, known at five steps to two digits; the order is that of the kink."""
-    error_of_step = {0.25: 1.3e-4, 0.5: 6.4e-4, 1.0: 2.7e-3, 2.5: 1.7e-2, 5.0: 7e-2}
+    """Errors relative to the standard deviations, known at three steps; the order is that of the kernel's kink."""
+    error_of_step = {1.0: 2.7e-3, 2.5: 1.7e-2, 5.0: 7e-2}
     matrices = {
         step: stacked(random_field.linearization("corrected", time_step=step).disturbance_covariance)
-        for step in (0.125, *error_of_step)
+        for step in (0.25, 0.5, *error_of_step)
     }
-    reference = matrices[0.125]
+    reference = matrices[0.25]
     deviation = np.sqrt(np.diag(reference))
     for step, expected in error_of_step.items():
         error = np.abs((matrices[step] - reference) / np.outer(deviation, deviation)).max()
-        assert error == pytest.approx(expected, rel=0.05), step
+        assert error == pytest.approx(expected, rel=0.1), step
     for matrix in matrices.values():
         assert np.array_equal(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix)[0] > 0.0
-    differences = [np.abs(matrices[a] - matrices[b]).max() for a, b in ((1.0, 0.5), (0.5, 0.25), (0.25, 0.125))]
-    for coarse, fine in pairwise(differences):
-        assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.1)
+    coarse, fine = (np.abs(matrices[a] - matrices[b]).max() for a, b in ((1.0, 0.5), (0.5, 0.25)))
+    assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.1)
 
 
 def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(random_field, everything):
     """w_k = x_{k+1} - A_k x_k of flights in a field so weak that they are linear: all 903 covariances at once."""
     trials, amplitude, model = 2000, 1e-4, random_field.linearization()
-    weak = environment.kernel(everything.air, variance=amplitude**2 * everything.air.variance_at_top)
-    inputs, records = random_field.inputs("corrected"), (random_field.nominal(), random_field.gains())
-    simulate = inputs.call(montecarlo.block_simulator, *records, number=0, covariance=weak)
+    weak = random_field.inputs("corrected", variance_at_top=amplitude**2 * everything.air.variance_at_top)
+    records = random_field.nominal(), random_field.gains()
+    simulate = weak.call(montecarlo.block_simulator, *records, number=0)
     histories = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
     deviations = (histories[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
     deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
@@ -380,14 +360,6 @@ def test_predicted_spread_over_time(random_field, spline, row):
         digit = 10.0 ** -len(text.split(".")[1])
         # A whole digit for the third law, whose optimum is flat.
         assert value == pytest.approx(float(text), abs=(0.51 if number < 3 else 1.01) * digit)
-
-
-def test_predicted_spread_of_the_density_variation(random_field):
-    """At the nodes of the trajectory about which the last program was posed, which is that of the law before."""
-    reference = ".3847 .1434 .0971 .0738 .0628 .0589 .0596 .0639 .0716 .0832 .1003 .1252 .1619 .2170 .3847"
-    gains = random_field.gains()
-    deviation = gains.variation_deviation[2][np.searchsorted(gains.time, gains.partition)]
-    np.testing.assert_allclose(deviation, [float(text) for text in reference.split()], rtol=0, atol=6e-5)
 
 
 @pytest.mark.parametrize(
@@ -564,19 +536,9 @@ def test_certificates(random_field):
     assert certificates.control_covariance_residual < 1e-13
     assert certificates.mean_shift < 1e-10 and certificates.gain_shift < 1e-10
     assert certificates.convexity > -1e-12
-    assert certificates.largest_gain_difference < 1e-4
     for name in ("process_score", "disturbance_score", "normality_score"):
         assert 0.0 < getattr(certificates, name) < 5.0, name
     assert certificates.samples == 300
-
-
-@pytest.mark.parametrize(("reading", "largest"), [("both_branches", 3_341), ("metres", 14_561)])
-def test_certificates_of_other_costs(random_field, reading, largest):
-    """Of two percentiles; and in m/s, where the quadratic terms are less than a thousandth of the cost."""
-    certificates = random_field.certificates(reading)
-    assert certificates.history_objective == pytest.approx(certificates.objective, rel=1e-7)
-    assert certificates.other_objective == pytest.approx(certificates.objective, rel=1e-6)
-    assert certificates.identity_residual < largest * ROUNDING and certificates.control_covariance_residual < 1e-12
 
 
 def test_dependence_of_the_disturbances(random_field):
@@ -615,17 +577,15 @@ def test_dependence_of_the_disturbances(random_field):
 
 
 def test_one_branch_cycles_with_period_two_and_both_converge(random_field):
-    study = random_field.convergence()
+    study = random_field.convergence("corrected", convergence_iterations=6)
     assert list(study.variant) == ["one_branch", "both_branches", "short_end_steps"]
     assert list(study.outcome) == ["cycling", "converged", "cycling"] and list(study.period) == [2, 1, 2]
-    assert study.apoapsis.shape == (3, 11) and not study.lost.any()
+    assert study.apoapsis.shape == (3, 7) and not study.lost.any()
     reference = (5.00, 5.10, 5.01, 4.91, 5.01, 4.91, 5.01)
     np.testing.assert_allclose(study.apoapsis[0, :7], reference, rtol=0, atol=5.1e-3)
-    # The cycle costs 16 m/s (302 to 286 m/s), known with 5,000 trials; here with 300.
-    reference = {1: 302.0, 2: 293.0, 3: 302.0, 4: 286.0, 5: 302.0, 6: 286.0}
-    for iteration, expected in reference.items():
-        allowed = 4.0 * study.percentile_error[0, iteration] + 0.51
-        assert study.percentile[0, iteration] == pytest.approx(expected, abs=allowed)
+    # The cycle costs 16 m/s (302 to 286 m/s), known with 5,000 trials; here with 300, whose errors are below 2 m/s.
+    for iteration, expected in {2: 293.0, 3: 302.0, 4: 286.0, 5: 302.0, 6: 286.0}.items():
+        assert study.percentile[0, iteration] == pytest.approx(expected, abs=4.0 * 2.0)
     steps = np.abs(np.diff(study.apoapsis, axis=1))
     assert (steps[[0, 2], -3:] > 0.09).all() and (steps[1, -3:] < 1e-3).all()
     # What the cured program predicts, its flights keep to within a few m/s; one branch alternates about it.
@@ -633,59 +593,10 @@ def test_one_branch_cycles_with_period_two_and_both_converge(random_field):
     assert (study.control_change <= 0.1 + 1e-6).all()
 
 
-def test_the_study_of_convergence_begins_with_the_iterations_of_the_reading(random_field):
-    study = random_field.convergence()
-    for row, reading in enumerate(("corrected", "both_branches")):
-        gains = random_field.gains(reading)
-        np.testing.assert_allclose(study.apoapsis[row, :4], gains.apoapsis, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(study.predicted[row, :4], gains.percentile, rtol=0, atol=1e-4)
-    ensemble = random_field.ensemble()
-    for law in range(4):
-        expected = flight_statistics.delta_v_percentile(ensemble, law, trials=300)
-        percentile = study.percentile[0, law], study.percentile_error[0, law]
-        np.testing.assert_allclose(percentile, expected, rtol=1e-3)  # the same trials
-
-
-def test_navigation_errors_bound_the_gains(random_field):
-    study, gains = random_field.regularization(), random_field.gains()
-    one = np.flatnonzero(study.factor == 1.0)[0]
-    np.testing.assert_allclose(study.position_error, 10.0 * study.factor)
-    assert study.predicted_deviation[one] == pytest.approx(gains.delta_v_deviation[-1], rel=1e-6)
-    assert study.design_deviation[one] == pytest.approx(gains.design_delta_v_deviation[-1], rel=1e-6)
-    ensemble = random_field.ensemble()
-    expected = flight_statistics.delta_v_percentile(ensemble, 3, trials=300)[0]
-    assert study.percentile[one] == pytest.approx(expected, rel=1e-3)
-    # Larger errors: a more timid law, better conditioned, that disperses more and saturates less.
-    assert (np.diff(study.condition_number) < 0.0).all()
-    assert (np.diff(study.design_deviation) > 0.0).all()
-    bounded = study.largest_gain < 1e12
-    assert (study.design_deviation >= study.predicted_deviation)[bounded].all() and bounded.sum() == len(bounded) - 1
-    assert (np.diff(study.percentile[one:]) > 0.0).all()
-    assert (np.diff(study.saturated) <= 0).all() and (study.worst_step <= study.saturated).all()
-    # Small ones: gains without bound and predictions that no flight keeps.
-    assert study.largest_gain[0] > 1e12 * study.largest_gain[one]
-    assert study.predicted_deviation[0] < 1.0 and study.lost[0] > 30 and np.isnan(study.percentile[0])
-    assert not study.lost[one:].any()
-
-
-def test_field_study_flies_the_trials_of_the_reading(random_field):
-    study, ensemble = random_field.field_study(), random_field.ensemble()
-    expected = flight_statistics.delta_v_percentile(ensemble, 0, trials=study.trials)
-    assert (study.percentile[0], study.percentile_error[0]) == expected
-    # The reading's own variance is the second of those studied.
-    assert (study.variance_percentile[1], study.variance_percentile_error[1]) == expected
-    assert study.variance == pytest.approx(0.148 * np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0]))
-    top = np.sqrt(0.148)
-    deviations = [top * np.exp(-75e3 / 40e3)] * 3 + [top * np.exp(-75e3 / 80e3), top * np.exp(-55e3 / 40e3)]
-    np.testing.assert_allclose(study.deviation_at_45_km, deviations, rtol=1e-12)
-    assert list(study.hypothesis) == list(fields.HYPOTHESES)
-    finite = study.variance_percentile[~np.isnan(study.variance_percentile)]
-    assert (np.diff(finite) > 0.0).all() and (np.diff(study.variance_lost) >= 0).all()
-
-
 def test_a_fully_correlated_field_is_one_normal_number(random_field, everything):
     """rho = rhobar (1 + sigma(h) xi): delta-v as a function of xi, and its percentile, without any sampling."""
-    study = random_field.field_study()
+    correlated = {"correlation_altitude": "both", "correlation_length": 1e12}
+    ensemble = random_field.ensemble("corrected", trials=300, iterations=1, **correlated)
     profile = environment.profile(everything.air)
     levels = np.linspace(-3.9, 3.9, 313)  # beyond, trials escape
     state = np.tile([[RADIUS + 125e3], [6100.0], [random_field.nominal().entry_flight_path_angle]], len(levels))
@@ -701,16 +612,9 @@ def test_a_fully_correlated_field_is_one_normal_number(random_field, everything)
         state = state + 0.5 / 6.0 * (first + 2.0 * second + 2.0 * third + rates(state + 0.5 * third))
     delta_v = orbits.total_delta_v(*state, 5 * RADIUS, 2 * RADIUS, MU)
     # At the numbers that are drawn, these are the flights' own.
-    row = list(fields.HYPOTHESES).index("fully correlated")
-    normal_numbers = normals(everything.simulation.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
-    expected = flight_statistics.percentile_with_lost(np.interp(normal_numbers, levels, delta_v))
+    normal_numbers = normals(everything.simulation.seed, flight.FIELD_STREAM, range(300), 1)[:, 0]
     assert np.abs(normal_numbers).max() < 3.9 and np.isfinite(delta_v).all()
-    assert study.percentile[row] == pytest.approx(expected[0], rel=1e-3)
-    # And that is one of normal numbers.
-    weights = np.diff(ndtr(levels))
-    order = np.argsort((delta_v[1:] + delta_v[:-1]) / 2)
-    quantile = ((delta_v[1:] + delta_v[:-1]) / 2)[order][np.searchsorted(np.cumsum(weights[order]), 0.99)]
-    assert study.percentile[row] == pytest.approx(quantile, abs=4.0 * study.percentile_error[row])
+    np.testing.assert_allclose(ensemble.delta_v[0], np.interp(normal_numbers, levels, delta_v), rtol=1e-3)
 
 
 # --- double integrator ------------------------------------------------------------------------------------------------
@@ -761,42 +665,18 @@ def test_double_integrator_constraints(random_field):
     np.testing.assert_allclose(double_integrator.support[CLOSED], excess + (radius - quantile) * spread, atol=1e-12)
 
 
-def test_a_constraint_never_lowers_the_cost(random_field):
-    """Without the lines, without the last of them, and with a wider final covariance."""
-    all_lines, but_last = random_field.double_integrator(), random_field.double_integrator("cc_to_4")
-    wide = random_field.double_integrator("corrected", double_integrator_final_three_sigma=np.array([0.5, 0.1]))
-    assert but_last.objective == pytest.approx(4.340e-6, abs=5.1e-10)
-    slack = 1e-9 * all_lines.objective
-    assert all_lines.objective >= but_last.objective - slack
-    assert but_last.objective >= but_last.unconstrained_objective - slack
-    assert but_last.unconstrained_objective == pytest.approx(all_lines.unconstrained_objective, rel=1e-6)
-    assert all_lines.objective >= wide.objective - slack
-    # Without a bound on the end nothing is worth a control, but for the lines.
-    assert wide.unconstrained_objective < 1e-9 and wide.objective > 1e-7
-
-
-def test_lines_far_away_leave_the_law_that_has_none(random_field):
-    found = random_field.double_integrator()
-    far = random_field.double_integrator("corrected", double_integrator_bounds=np.array([10.0, 10.0]))
-    assert far.objective == pytest.approx(found.unconstrained_objective, rel=1e-6)
-    for name, scale in (("mean", [0.6, 0.1]), ("covariance", np.outer([0.6, 0.1], [0.6, 0.1]))):
-        free = getattr(found, f"free_{name}") / scale
-        np.testing.assert_allclose(free, getattr(far, name)[CLOSED] / scale, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(free, getattr(far, f"free_{name}") / scale, rtol=0, atol=1e-6)
-    # Those of Eq. 61 squeeze the velocity at the end.
-    assert found.free_covariance[-1, 1, 1] > 10.0 * found.covariance[CLOSED, -1, 1, 1]
-
-
 def test_lines_of_the_printed_slopes_constrain_nothing(random_field):
     """They pass through the printed point, and the best law is the one without lines."""
-    found = random_field.double_integrator("slopes_printed")
-    lines, bounds = normals_and_bounds(random_field.inputs("slopes_printed").point_mass)
+    lines, bounds = np.array([[0.5, 1.0], [0.5, -1.0]]), np.array([0.45, 0.25])
     np.testing.assert_allclose(lines @ [0.7, 0.1], bounds, atol=1e-12)
-    np.testing.assert_allclose(-lines[:, 0] / lines[:, 1], [-0.05 / 0.1, 0.05 / 0.1])
-    assert (lines @ found.mean[CLOSED, 0] < bounds).all()  # the start lies between them
+    found = random_field.double_integrator(
+        "corrected",
+        double_integrator_first_normal=lines[0],
+        double_integrator_second_normal=lines[1],
+        double_integrator_bounds=bounds,
+    )
     assert found.objective == pytest.approx(random_field.double_integrator().unconstrained_objective, rel=1e-6)
-    np.testing.assert_allclose(found.covariance[CLOSED], found.free_covariance, rtol=0, atol=1e-8)
-    assert found.support[CLOSED].max() < 0.0 < found.support[OPEN].max()
+    assert found.support[CLOSED].max() < 0.0  # no ellipse protrudes
 
 
 def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
@@ -887,33 +767,6 @@ def test_the_true_field_violates_a_little_more_than_allotted(random_field):
     frequency = beyond / 40_000
     assert 2.5e-3 < frequency < 4e-3
     assert frequency == pytest.approx(3.38e-3, abs=4.0 * np.sqrt(2.0) * 2.9e-4)
-
-
-def test_the_last_node_is_violated_if_it_is_not_constrained(random_field):
-    flights = random_field.double_integrator_flights("cc_to_4")
-    error = np.sqrt(0.289 * 0.711 * (1 / 2000 + 1 / 5000))
-    assert flights.any_violations[CLOSED, -1] / 2000 == pytest.approx(0.289, abs=4.0 * error)
-
-
-def test_a_final_covariance_that_cannot_be_reached_is_named_with_what_can(random_field):
-    """Without lines in the way: the least that can be reached can, and a hundredth less cannot."""
-    deviations, free = np.array([5e-4, 1e-4]), {"double_integrator_bounds": np.array([10.0, 10.0])}
-
-    def solved(factor):
-        bound = deviations * np.sqrt(factor)
-        return random_field.double_integrator("corrected", double_integrator_final_three_sigma=bound, **free)
-
-    with pytest.raises(MarsedlError) as error:
-        solved(1.0)
-    message = str(error.value)
-    assert message.startswith("double integrator: ") and "\n" not in message and "line" not in message
-    least = float(re.search(r"final covariance.* least reachable largest eigenvalue .* is (\S+),", message).group(1))
-    assert least > 100.0
-    solution = solved(1.001 * least)
-    relative = solution.covariance[CLOSED, -1] / np.outer(deviations, deviations) * 9.0
-    assert np.linalg.eigvalsh(relative)[-1] == pytest.approx(1.001 * least, rel=1e-4)
-    with pytest.raises(MarsedlError, match=r"final covariance.* least reachable"):
-        solved(0.99 * least)
 
 
 def test_lines_that_the_start_violates_are_named(random_field):

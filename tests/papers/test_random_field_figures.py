@@ -1,29 +1,27 @@
 """The figures of the random-field paper hold the right curves; nothing here looks at pixels."""
 
+import inspect
 import re
 from dataclasses import replace
 from itertools import pairwise
-from math import erf, erfc
+from math import erf
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import same_color
-from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
-from scipy.stats import norm
 
 from marsedl.models import orbits
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import certificates, environment, figures, flight
+from marsedl.papers import catalogue
+from marsedl.papers.random_field import environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
-from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence, FieldStudy, Regularization
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
+from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
-SKETCHES = ("fig06", "fig07", "fig08")
-FIRST_FIGURES = tuple(f"fig{number:02d}" for number in range(1, 11))  # those before the flights of the aerocapture
 
 
 @pytest.fixture(scope="module")
@@ -95,30 +93,16 @@ def arrows(axes):
     return lambda color: next(vector for edge_color, vector in vector_of_color.items() if same_color(edge_color, color))
 
 
-@pytest.mark.parametrize("reading", ["corrected", "printed"])
-@pytest.mark.parametrize("stem", FIRST_FIGURES)
-def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
-    figure = draw(stem, reading)
-    assert isinstance(figure, Figure)
-    for axes in figure.axes:
-        assert axes.get_title() or axes.lines or axes.patches or axes.texts
+@pytest.mark.parametrize("stem", sorted(set(catalogue("random_field").figures) - {"convergence"}))
+def test_every_figure_draws_with_few_flights_and_without_laws(draw, random_field, stem):
+    """One flight and one sample; the printed reading, whose partition gives no law and whose flights are all lost."""
+    flown = "aerocapture" in inspect.signature(getattr(figures, stem)).parameters
+    one = {"aerocapture": random_field.ensemble(trials=1)} if flown else {}
+    draw(stem, artifacts=one, drawn_samples=1, example_positions=np.ones(1), example_values=np.zeros(1))
+    figure = draw(stem, "printed")
+    figure.draw_without_rendering()
     for labelled in (Axes.get_xlabel, Axes.get_ylabel):
-        assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
-    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
-
-
-@pytest.mark.parametrize("stem", FIRST_FIGURES)
-def test_one_sample_suffices(draw, stem):
-    draw(stem, drawn_samples=1, example_positions=np.array([1.0]), example_values=np.array([0.3]))
-
-
-def test_samples_drawn_are_not_those_of_flights_and_certificates():
-    figure_streams = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
-    assert len(figure_streams) >= 5
-    flight_streams = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
-    assert not figure_streams & (flight_streams | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
+        assert stem in ("fig06", "fig07", "fig08") or any(labelled(axes) for axes in figure.axes)
 
 
 # --- examples of fields -----------------------------------------------------------------------------------------------
@@ -145,35 +129,6 @@ def test_fig01_bands_are_two_deviations_of_prior_and_posterior(draw, inputs_of):
     assert deviation[[np.abs(place - m).argmin() for m in measured]].max() < 0.1
 
 
-def test_fig01_samples_have_the_mean_and_deviation_drawn(inputs_of):
-    position, before, after, mean, deviation = inputs_of("fig01", drawn_samples=4000).call(figures.line_samples)
-    for samples, centre, spread in ((before, 0.0, 1.0), (after, mean, deviation)):
-        error = (samples.mean(axis=0) - centre) / (spread / np.sqrt(4000))
-        assert np.abs(error).max() < 5
-        error = (samples.var(axis=0, ddof=1) / spread**2 - 1) / np.sqrt(2 / 3999)
-        assert np.abs(error).max() < 5
-    assert len(position) == len(mean)
-
-
-def test_fig01_samples_without_noise_pass_through_the_measurements(draw, inputs_of):
-    _, posterior = draw("fig01", example_noise=0.0).axes
-    inputs = inputs_of("fig01")
-    samples = curves(posterior, BLUE)
-    assert len(samples) == inputs.drawn_samples
-    for line in samples:
-        at = np.interp(inputs.example_positions, line.get_xdata(), line.get_ydata())
-        np.testing.assert_allclose(at, inputs.example_values, atol=1e-4)
-    _, lower, upper = band(posterior)
-    assert (upper - lower).min() < 1e-3
-
-
-def test_fig01_panels_share_their_random_numbers(inputs_of):
-    position, before, after, *_ = inputs_of("fig01", example_extent=50.0).call(figures.line_samples)
-    far = position > 14.0  # ten correlation lengths behind the last measurement
-    np.testing.assert_allclose(before[:, far], after[:, far], atol=1e-6)
-    assert np.abs(before - after)[:, position < 4].max() > 0.5
-
-
 def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
     inputs = inputs_of("fig02")
     before, after = draw("fig02").axes
@@ -192,12 +147,6 @@ def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
         assert min(across[1] - across[0], across[3] - across[2]) > 0.02
 
 
-def test_fig02_panels_share_their_random_numbers(inputs_of):
-    coordinate, before, after = inputs_of("fig02", example_extent=15.0).call(figures.plane_samples)
-    far = np.ix_(coordinate < 5, coordinate < 5)
-    np.testing.assert_allclose(before[far], after[far], atol=1e-6)
-
-
 def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeypatch):
     monkeypatch.setattr(figures, "PLANE_POINTS", 7)
     inputs = inputs_of("fig02")
@@ -211,10 +160,9 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
 # --- the field and the process ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("reading", ["corrected", "printed"])
-def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field, reading):
-    nominal = random_field.nominal(reading)
-    field, path, legend, process = draw("fig03", reading).axes
+def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field):
+    nominal = random_field.nominal()
+    field, path, legend, process = draw("fig03").axes
     assert [text.get_text() for text in legend.get_legend().get_texts()] == [
         *("first sample", "second sample", "third sample", "nominal path", "every 50 s of the path")
     ]
@@ -228,15 +176,6 @@ def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_fi
         np.testing.assert_array_equal(places.get_xdata(), times.get_ydata())
         np.testing.assert_array_equal(times.get_xdata(), np.arange(0, 400, 50))
         np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *nominal_curve.get_xydata().T))
-
-
-def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
-    inputs, altitude, count = inputs_of("fig10"), np.array([45e3, 60e3, 61e3, 100e3, 125e3]), 20_000
-    samples = inputs.call(figures.variation_samples, altitude, count)
-    expected = environment.kernel(inputs.air)(altitude[:, None], altitude)
-    variance = np.diag(expected)
-    error = np.sqrt((np.outer(variance, variance) + expected**2) / count)
-    assert (np.abs(samples.T @ samples / count - expected) < 5 * error).all()
 
 
 def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
@@ -254,15 +193,6 @@ def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
         np.testing.assert_allclose((line.get_xdata() - number) * distance, sample.get_xdata(), atol=1e-9)
 
 
-def test_fig10_says_where_no_density_is_left(draw):
-    axes, _ = draw("fig10", "printed").axes
-    altitude, _, upper = band(axes, along=1)
-    assert upper[np.abs(altitude - 120).argmin()] == pytest.approx(2 * np.sqrt(1480.0))
-    assert upper[0] == pytest.approx(2 * np.sqrt(1480.0) * np.exp(3.0))  # Eq. 74 as printed grows downwards
-    assert "no density left" in labels(axes.figure)
-    assert "no density left" not in labels(draw("fig10", variance_at_top=0.01))
-
-
 def test_fig09_density_goes_through_the_table(draw, inputs_of):
     (axes,) = draw("fig09").axes
     (line,), (nodes,) = curves(axes, BLUE), curves(axes, ORANGE, "None")
@@ -274,33 +204,22 @@ def test_fig09_density_goes_through_the_table(draw, inputs_of):
     assert axes.get_xscale() == "log" and axes.get_ylim() == (0, 125)
 
 
-def test_fig09_draws_closed_forms_as_well(draw):
-    (axes,) = draw("fig09", "doc_fit").axes
-    (line,) = curves(axes)
-    density, h = line.get_xdata(), 1e3 * line.get_ydata()
-    temperature = 1.4e-13 * h**3 - 8.85e-9 * h**2 - 1.245e-3 * h + 205.3645
-    np.testing.assert_allclose(
-        density, 559.351005946503 * np.exp(-0.000105 * h) / (188.95110711075 * temperature), rtol=1e-9
-    )
-    assert labels(axes.figure) == ["nominal density"]
-
-
 # --- double integrator ------------------------------------------------------------------------------------------------
 
 
 def test_fig04_band_is_constant_and_samples_repeat_with_the_period(draw):
-    (axes,) = draw("fig04", drawn_samples=3000).axes
+    (axes,) = draw("fig04", drawn_samples=500).axes
     position, lower, upper = band(axes)
     np.testing.assert_allclose(upper, 2 * np.sqrt(2e-6))
     np.testing.assert_allclose(lower, -2 * np.sqrt(2e-6))
     np.testing.assert_allclose(position[[0, -1]], [0.0, 1.05])
     samples = np.array([line.get_ydata() for line in curves(axes, BLUE)])
-    assert samples.shape[0] == 3000
+    assert samples.shape[0] == 500
     for distance in (0.175, 0.35):
         moved = np.array([np.interp(0.2 + distance, position, sample) for sample in samples])
         start = np.array([np.interp(0.2, position, sample) for sample in samples])
         correlation = np.exp(-2 * (np.sin(np.pi * distance / 0.35) / 0.8) ** 2 - distance**2 / 2)
-        assert abs(np.mean(start * moved) / 2e-6 - correlation) < 5 * np.sqrt((1 + correlation**2) / 3000)
+        assert abs(np.mean(start * moved) / 2e-6 - correlation) < 5 * np.sqrt((1 + correlation**2) / 500)
 
 
 def ellipses(axes, color, style):
@@ -351,13 +270,6 @@ def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field
     assert "99.73 % ellipse, 2,000 flights" in labels(figure)
 
 
-def test_fig05_counts_trials_that_are_not_finite(draw, random_field):
-    flights = random_field.stage("double_integrator_flights", "corrected")
-    with_lost = replace(flights, excluded=np.array([3, 0]))
-    figure = draw("fig05", artifacts={"double_integrator_flights": with_lost})
-    assert [axes.get_title() for axes in figure.axes] == ["open loop, 3 not finite", "closed loop"]
-
-
 @pytest.mark.parametrize("normals", [[(0.0, 1.0), (0.0, -1.0)], [(1.0, 0.0), (1.0, 0.0)], [(1.0, 0.0), (0.0, 1.0)]])
 def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
     first, second = map(np.array, normals)
@@ -403,48 +315,6 @@ def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field)
     np.testing.assert_allclose(below.get_xdata(), (flown_angle - flown_angle[0]) * 3397, atol=1e-6)
 
 
-def test_fig06_curves_have_the_flight_path_angle_of_the_flight(draw, random_field):
-    whole, _ = draw("fig06").axes
-    nominal = random_field.nominal()
-    approach, flight_curve, coast = (polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE))
-    # r' / (r angle') = tan(gamma), which holds only if the angle runs as fast as the flight says.
-    slope = np.gradient(np.log(flight_curve[0]), flight_curve[1], edge_order=2)
-    np.testing.assert_allclose(slope, np.tan(nominal.flight_path_angle), atol=2e-5)
-    for (radius, angle), joint, at in ((approach, -1, 0), (coast, 0, -1)):
-        slope = np.gradient(np.log(radius), angle, edge_order=2)[joint]
-        assert slope == pytest.approx(np.tan(nominal.flight_path_angle[at]), abs=1e-3)
-
-
-@pytest.mark.parametrize("reading", ["corrected", "printed"])
-def test_fig06_states_no_number_of_the_orbit_that_is_an_example(draw, reading):
-    whole, _ = draw("fig06", reading).axes
-    written = " ".join(text.get_text() for text in whole.texts)
-    assert "m/s" not in written and set(re.findall(r"= ([\d.]+) \$r_p", written)) == {"2.00", "5.00"}
-
-
-def test_fig06_says_what_the_flight_without_control_does(draw, random_field):
-    nominal = random_field.nominal()
-    whole, _ = draw("fig06").axes
-    assert "= 5.00 $r_p$" in whole.get_title() and "278.8 m/s" in whole.get_title()
-    lost = replace(nominal, apoapsis=np.nan, delta_v=np.nan, clean_up_burn=np.nan)
-    whole, _ = draw("fig06", artifacts={"nominal": lost}).axes
-    assert whole.get_title().endswith("is not captured")
-
-
-def test_fig06_plan_exits_with_the_apoapsis_it_names(inputs_of, random_field):
-    inputs, nominal = inputs_of("fig06"), random_field.nominal()
-    plan = inputs.call(figures.mission_plan, nominal)
-    radius = inputs.planet_radius + nominal.altitude[-1]
-
-    def miss(velocity):
-        reached = orbits.apoapsis_radius(radius, velocity, nominal.flight_path_angle[-1], 4.2828e13)
-        return reached / inputs.planet_radius - plan.exit_apoapsis
-
-    assert miss(nominal.velocity[-1]) > 0.7  # it is slower than the nominal, by little
-    slower = 0.95 * nominal.velocity[-1]
-    assert miss(slower) < 0.0
-
-
 def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
     (axes,) = draw("fig07").axes
     vector = arrows(axes)
@@ -457,35 +327,9 @@ def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
     assert {"$r$", "$v$", r"$\gamma$", "$L$", "$D$"} <= {text.get_text() for text in axes.texts}
 
 
-def test_fig08_control_is_the_cosine_of_the_bank_angle(draw):
-    side, rear = draw("fig08").axes
-    vector = arrows(side)
-    velocity, lift = vector(BLUE), vector(GREEN)
-    assert velocity @ lift == 0.0
-    (axis,) = curves(side, BLACK, "--", least=2)
-    force = axis.get_xydata()[0] - axis.get_xydata()[-1]  # along the axis, into the heat shield
-    assert force @ lift > 0 > force @ velocity
-    vector = arrows(rear)
-    lift, vertical = vector(GREEN), vector(ORANGE)
-    assert vertical[0] == 0.0
-    (arc,) = curves(rear, BLACK, "-")
-    bank = np.arctan2(*arc.get_xydata()[-1])
-    assert vertical[1] == pytest.approx(np.linalg.norm(lift) * np.cos(bank))
-    assert {r"$\alpha$", r"$\sigma$"} <= {text.get_text() for axes in (side, rear) for text in axes.texts}
-
-
 # --- flights of the aerocapture ---------------------------------------------------------------------------------------
 
 LAWS = 4  # open loop and three iterations
-LAST_FIGURES = (*(f"fig{number}" for number in range(11, 18)), "violations", "delta_v_map")
-
-
-@pytest.mark.parametrize("reading", ["printed", "literal_gains"])
-@pytest.mark.parametrize("stem", LAST_FIGURES)
-def test_readings_without_laws_and_with_lost_flights_are_drawn_too(draw, stem, reading):
-    figure = draw(stem, reading)
-    figure.draw_without_rendering()
-    assert all(axes.get_xlabel() for axes in figure.axes[-1:])
 
 
 def text_of(axes):
@@ -522,23 +366,23 @@ def test_a_reading_without_laws_says_why(draw):
     for stem in ("fig14", "fig15"):
         assert reason in draw(stem, "printed").axes[0].get_title()
     assert len(draw("fig12", "printed").axes) == len(draw("fig16", "printed").axes) == 1
+    assert "too many lost" in text_of(draw("fig12", "printed").axes[0])
 
 
 def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field, inputs_of):
-    for reading, window in (("corrected", (200.0, 400.0)), ("literal_gains", (200.0, 400.0))):
+    for reading, laws in (("corrected", LAWS), ("printed", 1)):
         ensemble, panels = random_field.ensemble(reading), draw("fig12", reading).axes
-        assert len(panels) == LAWS
+        assert len(panels) == laws
         for number, axes in enumerate(panels):
             delta_v = ensemble.delta_v[number]
             (values, edges, _) = axes.patches[0].get_data()
             assert tuple(axes.get_xlim()) == pytest.approx((edges[0], edges[-1]))
             if number:
-                assert tuple(axes.get_xlim()) == window
+                assert tuple(axes.get_xlim()) == (200.0, 400.0)
             inside = np.isfinite(delta_v) & (delta_v >= edges[0]) & (delta_v <= edges[-1])
             assert (values * np.diff(edges)).sum() == pytest.approx(inside.mean())
             lost = np.isnan(delta_v).sum()
             assert (f"{lost:,} lost" in text_of(axes)) == (lost > 0)
-    assert (np.isnan(random_field.ensemble("literal_gains").delta_v).sum(axis=1) > 0).any()
     assert tuple(inputs_of("fig12").delta_v_window) == (200.0, 400.0)
 
 
@@ -561,11 +405,6 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
         assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)
         window = [line.get_xdata()[0] for line in curves(axes, BLACK, "--", least=2)]
         assert window == ([200.0, 400.0] if number == 0 else [])
-
-
-def test_fig12_says_where_no_percentile_exists(draw):
-    (axes,) = draw("fig12", "printed").axes
-    assert "too many lost" in text_of(axes) and not curves(axes, BLUE, "-", least=2)
 
 
 def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_field):
@@ -632,22 +471,11 @@ def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, 
     assert control.get_ylim() == (-1.6, 1.6)
 
 
-def test_fig14_linear_covariance_is_within_two_per_cent_of_the_flights(draw, random_field):
-    error = 0.02 + 3 / np.sqrt(2 * random_field.ensemble().count[0])  # and three standard errors of a deviation
-    for axes, unit in zip(draw("fig14").axes, (1e3, 1.0, np.pi / 180), strict=False):
-        lower, upper = curves(axes, BLUE, "--", least=50)
-        predicted = np.diff(bars(axes.containers[0]))[:, 0]
-        sampled = np.interp(random_field.gains().partition, upper.get_xdata(), upper.get_ydata() - lower.get_ydata())
-        large = predicted * unit > 1e-2 * (predicted * unit).max()
-        assert large.sum() > 6
-        np.testing.assert_allclose(predicted[large], sampled[large], rtol=error)
-
-
-def test_errors_that_leave_the_axes_are_stated(draw):
-    control = draw("fig15", "literal_gains").axes[-1]
-    assert control.get_ylim() == (-1.6, 1.6) and re.search(
-        r"stars beyond the axis: up to \d(\.\d)?e\+\d\d", text_of(control)
-    )
+def test_errors_that_leave_the_axes_are_stated(draw, random_field):
+    ensemble = random_field.ensemble()
+    large = {"aerocapture": replace(ensemble, mean=1e9 * ensemble.mean)}
+    control = draw("fig15", artifacts=large).axes[-1]
+    assert control.get_ylim() == (-1.6, 1.6) and re.search(r"beyond the axis: up to 3\.1e\+08", text_of(control))
     for axes in draw("fig14", "printed").axes[:3]:
         stated = float(re.search(r"linear covariance up to ([\d.e+]+)", text_of(axes)).group(1))
         assert stated > 2 * axes.get_ylim()[1]
@@ -671,13 +499,6 @@ def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(dra
     assert deviations[1] > 3 * deviations[0]
 
 
-def test_fig16_counts_the_trials_that_leave_the_axis(draw, random_field):
-    axes = draw("fig16", "printed").axes[0]
-    pressures = random_field.ensemble("printed").kept_history[0, :, :, flight.DYNAMIC_PRESSURE] / 1e3
-    beyond = sum(trial[np.isfinite(trial)].max() > axes.get_ylim()[1] for trial in pressures)
-    assert (f"{beyond} of {DRAWN} beyond the axis" in axes.get_title()) == (beyond > 0)
-
-
 def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
     (axes,) = draw("fig17").axes
     gains, kernel = random_field.gains(), environment.kernel(random_field.inputs("corrected").air)
@@ -693,68 +514,6 @@ def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
 
 
 # --- beyond the paper -------------------------------------------------------------------------------------------------
-
-
-def test_probability_beyond_the_limits_of_a_normal_control():
-    mean, deviation = np.array([0.0, 0.3, 0.3, 1.2]), np.array([1 / 3, 0.3, 0.0, 0.0])
-    expected = [erfc(3 / np.sqrt(2)), norm.sf(1.0, 0.3, 0.3) + norm.cdf(-1.0, 0.3, 0.3), 0.0, 1.0]
-    np.testing.assert_allclose(figures._beyond_limits(mean, deviation, -1.0, 1.0), expected)
-
-
-def predictions(axes):
-    """Marks of linear covariance; the caps of error bars are such marks in other colours."""
-    marks = [line for line in axes.lines if line.get_marker() == "_" and len(line.get_xdata())]
-    return [line for line in marks if same_color(line.get_color(), BLACK)]
-
-
-def test_violations_count_the_flights_interval_by_interval(draw, random_field):
-    panels, gains, ensemble = draw("violations").axes, random_field.gains(), random_field.ensemble()
-    trials = len(ensemble.outcome[0])
-    some = 0
-    for number, axes in enumerate(panels[:-1], start=1):
-        middle = (gains.partition[1:] + gains.partition[:-1]) / 2
-        (container,) = axes.containers
-        counted = dict(zip(container.lines[0].get_xdata(), container.lines[0].get_ydata() * trials, strict=True))
-        for k, place in enumerate(middle):
-            row = int(np.flatnonzero(ensemble.time == gains.partition[k])[0])
-            outside = ensemble.histogram[number, row, 0][[0, -1]].sum()
-            assert counted.get(place, 0) == pytest.approx(outside)
-            some += outside
-        (arrows,) = [line for line in axes.lines if line.get_marker() == "v" and len(line.get_xdata())]
-        assert len(arrows.get_xdata()) == len(middle) - len(counted)
-        np.testing.assert_allclose(arrows.get_ydata(), 1 - (0.0027 / 2) ** (1 / trials))  # none of as many
-        (allotted,) = curves(axes, BLACK, "--", least=2)
-        assert allotted.get_ydata()[0] == pytest.approx(0.0027)
-        (marks,) = predictions(axes)
-        for place, value in zip(marks.get_xdata(), marks.get_ydata(), strict=True):
-            k = int(np.flatnonzero(middle == place)[0])
-            spread = gains.control_deviation[number, k]
-            if spread > 1e-6:
-                mean = gains.control[number, k]
-                expected = norm.sf(1.0, mean, spread) + norm.cdf(-1.0, mean, spread)
-                assert np.nan_to_num(value) == pytest.approx(expected, rel=1e-6, abs=1e-300)
-    assert some > 0
-
-
-def test_violations_of_the_double_integrator_are_the_tails_beyond_each_line(draw, random_field):
-    axes = draw("violations").axes[-1]
-    design, flights = random_field.double_integrator(), random_field.double_integrator_flights()
-    normals, bounds = np.array([[0.212766, 8.51064], [0.30303, -12.1212]]), (1.0, -1.0)
-    marks = predictions(axes)
-    for line in (0, 1):
-        for node in range(6):
-            spread = np.sqrt(normals[line] @ design.covariance[1, node] @ normals[line])
-            expected = norm.sf(bounds[line], normals[line] @ design.mean[1, node], spread)
-            assert marks[line].get_ydata()[node] == pytest.approx(expected, rel=1e-6)
-    shares = {container.lines[0].get_marker(): [] for container in axes.containers}
-    for container in axes.containers:
-        shares[container.lines[0].get_marker()].append(container.lines[0].get_ydata())
-    for line in (0, 1):
-        for marker, counts, trials in (("D", flights.paper_violations, 1000), ("o", flights.violations, 2000)):
-            expected = counts[1, :, line][counts[1, :, line] > 0] / trials
-            np.testing.assert_allclose(shares[marker][line], expected)
-    (allotted,) = curves(axes, BLACK, "--", least=2)
-    assert allotted.get_ydata()[0] == pytest.approx(0.00135)
 
 
 @pytest.fixture
@@ -793,80 +552,6 @@ def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
     assert any(label.endswith("cycling with period 2") for label in texts)
     assert "both branches: converged" in texts
     assert any("stopped; 1 to 4 of 300 flights lost" in label for label in texts)
-
-
-def test_convergence_without_a_percentile_says_so(inputs_of, history):
-    nothing = replace(history, percentile=np.full((3, 5), np.nan), percentile_error=np.full((3, 5), np.nan))
-    _, percentile = inputs_of("convergence").call(figures.convergence, nothing).axes
-    assert "too many lost" in percentile.get_title()
-
-
-def without_percentile(axes):
-    """Broad lines across the axes."""
-    return [line for line in axes.lines if line.get_linewidth() == 7.0]
-
-
-def test_regularization_leaves_out_what_there_is_not(inputs_of):
-    sizes = np.array([0.01, 0.1, 1.0])
-    study = Regularization(
-        factor=sizes / 10,
-        position_error=sizes,
-        condition_number=np.array([1e9, 1e6, 1e3]),
-        largest_gain=np.array([1e17, 1e5, 70.0]),
-        predicted_deviation=np.array([0.2, 1.0, 3.6]),
-        design_deviation=np.array([0.2, 1.1, 4.2]),
-        flown_deviation=np.array([np.nan, 50.0, 6.4]),
-        percentile=np.array([np.nan, 558.0, 303.0]),
-        percentile_error=np.array([np.nan, 6.0, 0.2]),
-        saturated=np.array([300, 120, 3]),
-        worst_step=np.array([299, 100, 0]),
-        lost=np.array([120, 2, 0]),
-    )
-    condition, gain, spread, percentile, shares = inputs_of("regularization").call(figures.regularization, study).axes
-    np.testing.assert_array_equal(curves(gain, VERMILION)[0].get_xydata(), np.column_stack([sizes, study.largest_gain]))
-    assert [line.get_ydata()[2] for line in curves(spread)] == [3.6, 4.2, 6.4]
-    (line,) = curves(condition, BLACK)
-    np.testing.assert_array_equal(line.get_xydata(), np.column_stack([sizes, study.condition_number]))
-    assert [line.get_xdata()[0] for line in without_percentile(percentile)] == [0.01]
-    np.testing.assert_allclose(np.diff(bars(percentile.containers[0]))[1:, 0], [36.0, 1.2])
-    for color, counts in ((ORANGE, study.saturated), (VERMILION, study.worst_step), (BLACK, study.lost)):
-        shares_shown = curves(shares, color)[0].get_ydata()
-        np.testing.assert_allclose(shares_shown, np.where(counts > 0, counts / 300, np.nan))
-    (allotted,) = curves(shares, GREY, "--", least=2)
-    assert allotted.get_ydata()[0] == pytest.approx(0.0027)
-    for axes in (condition, gain, spread, percentile, shares):
-        assert 10.0 in [line.get_xdata()[0] for line in curves(axes, GREY, ":", least=2)]
-
-
-def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
-    study = FieldStudy(
-        hypothesis=np.array(["as in the reading", "fully correlated", "growth length doubled"]),
-        percentile=np.array([589.0, 684.0, np.nan]),
-        percentile_error=np.array([7.0, 8.0, np.nan]),
-        lost=np.array([0, 1, 286]),
-        deviation_at_45_km=np.array([0.059, 0.059, 0.151]),
-        variance=0.148 * np.array([1.0, 4.0, 9.0]),
-        variance_percentile=np.array([589.0, 810.0, np.nan]),
-        variance_percentile_error=np.array([7.0, 14.0, np.nan]),
-        variance_lost=np.array([0, 29, 82]),
-        law_percentile=np.full((2, 3, 2), 300.0),
-        law_percentile_error=np.full((2, 3, 2), 1.0),
-        law_lost=np.zeros((2, 3, 2), int),
-        law_worst_step=np.zeros((2, 3, 2), int),
-        trials=5000,
-    )
-    figure = inputs_of("field_study").call(figures.field_study, study)
-    (axes,) = figure.axes
-    scaled, reading, correlated = (container.lines[0] for container in axes.containers)
-    np.testing.assert_allclose(scaled.get_xdata(), [5.9, 11.8, 17.7])  # deviations, as roots of the variances
-    np.testing.assert_allclose(reading.get_xydata(), [[5.9, 589.0]])
-    np.testing.assert_allclose(correlated.get_xydata(), [[5.9, 684.0]])
-    np.testing.assert_allclose([line.get_xdata()[0] for line in without_percentile(axes)], [15.1, 17.7])
-    texts = labels(figure)
-    assert "growth length doubled: no percentile, 286 lost" in texts and "no percentile, 82 or more lost" in texts
-    nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))
-    (axes,) = inputs_of("field_study").call(figures.field_study, nothing).axes
-    assert "no 99th percentile" in text_of(axes)
 
 
 def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random_field):

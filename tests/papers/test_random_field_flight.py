@@ -221,16 +221,6 @@ def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
     assert 0.05 < saturated.mean() < 0.95  # both kinds of command occur
 
 
-def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
-    coarse, fine = np.arange(50e3, 110.5e3, 1e3), np.linspace(55e3, 100e3, 451)
-    log_density, slope, _ = profile(coarse)
-    short = AirTables(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
-    law = flight.open_loop(PARTITION, np.zeros(14))
-    trajectories = fly(short, law, 20)
-    assert_as_the_oracle(trajectories, Oracle(short, law, ENTRY, 20), 50)
-    assert trajectories.history[:, flight.ALTITUDE].min() < 48e3 and trajectories.history[0, flight.ALTITUDE, 0] > 120e3
-
-
 def test_dynamic_pressure_of_the_actual_density(air):
     law = flight.open_loop(PARTITION, np.zeros(14))
     nominal = fly(air, law).history
@@ -239,21 +229,6 @@ def test_dynamic_pressure_of_the_actual_density(air):
     row = flight.DYNAMIC_PRESSURE
     np.testing.assert_allclose(actual[:, row], nominal[:, row] * ratio, rtol=1e-13)
     np.testing.assert_array_equal(np.delete(actual, row, axis=1), np.delete(nominal, row, axis=1))
-
-
-# ---- aerocapture: without variation ----------------------------------------------------------------------------------
-
-
-def test_without_variation_every_gain_flies_the_nominal(air, law):
-    reference, control = law.reference, np.zeros(14)
-    law = law._replace(control=control)
-    calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
-    for trajectories in (fly(air, law, varied=False), fly(calm, law)):
-        np.testing.assert_allclose(trajectories.final_state[0], reference[-1, 0] - RADIUS, rtol=1e-9)
-        np.testing.assert_allclose(trajectories.final_state[1], reference[-1, 1], rtol=1e-9)
-        np.testing.assert_allclose(trajectories.final_state[2], reference[-1, 2], rtol=1e-9)
-        assert (trajectories.history[:, flight.DENSITY_VARIATION] == 0.0).all()
-        assert np.abs(trajectories.observed_maximum).max() < 1e-6
 
 
 def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
@@ -267,16 +242,6 @@ def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
     thinned = flight.propagate_nominal(settings(air), air, law, ENTRY, time_step=STEP, every=25)
     np.testing.assert_array_equal(thinned[0], time[::25])
     np.testing.assert_array_equal(thinned[1], states[::25])
-
-
-def test_nominal_flight_ends_with_the_first_step_below_the_ground(air):
-    law = flight.open_loop(PARTITION, np.zeros(14))
-    constants = settings(air)
-    time, states = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP)
-    assert (states[:-1, 0] >= RADIUS).all() and states[-1, 0] < RADIUS
-    few = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP, every=50)
-    np.testing.assert_array_equal(few[0], [*np.arange(0.0, time[-1], 25.0), time[-1]])
-    np.testing.assert_array_equal(few[1][-1], states[-1])
 
 
 def test_flights_are_of_fourth_order_in_the_step():
@@ -317,19 +282,6 @@ def test_in_vacuum_energy_and_angular_momentum_stay(air):
 # ---- aerocapture: nothing depends on how it is run -------------------------------------------------------------------
 
 
-def test_results_do_not_depend_on_the_number_of_threads(air, law):
-    before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
-            numba.set_num_threads(threads)
-            results.append(fly(air, law, 200))
-    finally:
-        numba.set_num_threads(before)
-    for result in results[1:]:
-        assert_identical(results[0], result)
-
-
 @pytest.mark.parametrize("first", [0, 5, 64, 199])
 def test_a_trial_alone_is_that_of_the_block(air, law, first):
     states = ENTRY + normals(SEED, flight.INITIAL_STREAM, range(200), 3) * [300.0, 1.0, 1e-4]
@@ -337,38 +289,6 @@ def test_a_trial_alone_is_that_of_the_block(air, law, first):
     for count in (1, 70):
         trials = slice(first, min(first + count, 200))
         assert_identical(fly(air, law, initial=states[trials], first_trial=first), block, trials)
-
-
-def test_other_seeds_are_other_fields(air):
-    law = flight.open_loop(PARTITION, np.zeros(14))
-    first, second = (fly(air, law, seed=seed).final_state[:3] for seed in (1, 2))
-    assert (first != second).all()
-
-
-def test_states_do_not_depend_on_how_many_are_stored(air, law):
-    times = {every: flight.outputs(law, every, STEP) for every in (1, 10, 50)}
-    trajectories = {every: fly(air, law, 20, every=every) for every in times}
-    for every in (10, 50):
-        at = np.searchsorted(times[1], times[every])
-        np.testing.assert_array_equal(times[1][at], times[every])
-        np.testing.assert_array_equal(trajectories[every].history, trajectories[1].history[at])
-        np.testing.assert_array_equal(trajectories[every].final_state, trajectories[1].final_state)
-        assert np.isin(PARTITION, times[every]).all()
-    # The command changes at the nodes and nowhere else; the last one is still in force at the end.
-    changes = np.flatnonzero(np.diff(trajectories[1].observed[:, 0, 0])) + 1
-    np.testing.assert_array_equal(times[1][changes], PARTITION[1:-1])
-
-
-def test_read_only_arrays_need_no_other_kernel(air, law):
-    expected, compiled = fly(air, law, 3), len(flight._fly.signatures)
-    for array in (*law, *air[2:7]):
-        array.setflags(write=False)
-    try:
-        assert_identical(fly(air, law, 3), expected)
-    finally:
-        for array in (*law, *air[2:7]):
-            array.setflags(write=True)
-    assert len(flight._fly.signatures) == compiled
 
 
 # ---- aerocapture: limits and bad ends --------------------------------------------------------------------------------
@@ -389,12 +309,6 @@ def test_commands_are_flown_within_their_limits(air, law, factor):
         np.testing.assert_array_equal(alone.final_state[:, 0], together.final_state[:, trial])
     if factor > 1.0:
         assert together.observed_maximum[flight.BANK_MAGNITUDE].min() > 1e10
-
-
-def test_other_limits(air, law):
-    narrow = SimpleNamespace(**vars(INPUTS) | {"control_limits": (-0.1, 0.0)})
-    oracle = Oracle(air, law, ENTRY, 20, narrow)
-    assert_as_the_oracle(fly(air, law, 20, inputs=narrow), oracle, 50)
 
 
 def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
@@ -423,28 +337,6 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
     np.testing.assert_array_equal(few.length, (at[:, np.newaxis] < mixed.length).sum(axis=0))
 
 
-def test_a_group_that_crashes_as_a_whole_ends_there(air, law):
-    trajectories = fly(air, law, 64, initial=STEEP)
-    assert (trajectories.outcome == CRASHED).all() and (trajectories.length < 16).all()
-    assert np.isnan(trajectories.history[15:]).all() and np.isfinite(trajectories.history[0]).all()
-    some = fly(air, law, 3, initial=STEEP)
-    assert_identical(some, trajectories, slice(3))
-
-
-@pytest.mark.parametrize("variance", [14.8, 1480.0])
-def test_huge_densities_are_flown_or_counted(profile, law, variance):
-    wild = make_air(profile, variance)
-    trajectories = fly(wild, law, 200)
-    assert np.median(trajectories.final_state[flight.FLOORED]) > 100
-    assert np.nanmax(trajectories.history[:, flight.DENSITY_VARIATION]) > 3.0 * np.sqrt(variance) - 1.0
-    assert np.isin(trajectories.outcome, (COMPLETED, CRASHED, NON_FINITE)).all()
-    good = trajectories.outcome == COMPLETED
-    assert (
-        np.isfinite(trajectories.history[..., good]).all()
-        and (trajectories.final_state[flight.ALTITUDE, good] >= 0.0).all()
-    )
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, law, bad):
     states = np.tile(ENTRY, (70, 1))
@@ -459,15 +351,6 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, 
             np.testing.assert_array_equal(
                 getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
             )
-
-
-def test_gains_that_are_not_finite_are_counted(air, law):
-    gain = law.gain.copy()
-    gain[3, 2, 1] = np.nan
-    trajectories = fly(air, law._replace(gain=gain), 5)
-    assert (trajectories.outcome == NON_FINITE).all()
-    gain[3, 2, 1], gain[3, 9, 1] = 0.0, np.nan  # of a later state
-    assert (fly(air, law._replace(gain=gain), 5).outcome == COMPLETED).all()
 
 
 def test_what_does_not_fit_is_refused(air, law):
@@ -561,27 +444,6 @@ def test_points_are_those_of_plain_numpy(root, point_law, columns, start):
     np.testing.assert_array_equal(trajectories.observed[:, 0], trajectories.history[:, flight.CONTROL])
     np.testing.assert_array_equal(trajectories.observed_maximum, trajectories.observed.max(axis=0))
     np.testing.assert_array_equal(flight.outputs(point_law, 5, 0.02)[[0, 10, -1]], [0.0, 1.0, 5.0])
-
-
-def test_points_beyond_the_grid_meet_its_end_values(root):
-    law = flight.open_loop(NODES, np.zeros(5), 2)
-    initial = np.tile([-5.0, 0.0], (64, 1))
-    initial[32:, 0] = 5.0
-    trajectories = fly_point(law, root, initial)
-    samples = normals(SEED, flight.FIELD_STREAM, range(64), 181) @ root.T
-    ends = np.where(np.arange(64) < 32, samples[:, 0], samples[:, -1])
-    np.testing.assert_allclose(trajectories.history[:, flight.FIELD], np.tile(ends, (6, 1)), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(trajectories.final_state[0], initial[:, 0] + 12.5 * ends, rtol=1e-12)
-
-
-def test_points_without_a_field_coast(root, point_law):
-    law = point_law._replace(control=np.zeros(5))
-    for trajectories in (
-        fly_point(law, root, np.tile([0.1, 0.1], (64, 1)), varied=False),
-        fly_point(law, np.zeros((181, 1)), np.tile([0.1, 0.1], (64, 1))),
-    ):
-        np.testing.assert_allclose(trajectories.final_state, np.tile([[0.6], [0.1]], 64), rtol=1e-12)
-        assert np.abs(trajectories.history[:, flight.FIELD :]).max() < 1e-14
 
 
 def test_points_are_of_fourth_order_in_the_step():

@@ -8,13 +8,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import orbits
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED
 from marsedl.montecarlo.statistics import percentile
-from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, montecarlo
+from marsedl.papers.random_field import flight, montecarlo
 from marsedl.papers.random_field.flight_statistics import (
     delta_v_percentile,
     lost,
@@ -32,11 +30,11 @@ UNITS = np.array([1e3, 1.0, np.radians(1.0)])
 MOTION = [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]
 
 
-def simulator(random_field, reading="corrected", gains=None, number=-1, varied=True, **changes):
+def simulator(random_field, reading="corrected", gains=None, number=-1, **changes):
     """The function `simulate_block` of a reading with changed inputs, under the law of a number."""
     inputs = random_field.stage_inputs(reading, "montecarlo_chunk", **changes)
     records = {"nominal": random_field.nominal(reading), "gains": gains or random_field.gains(reading)}
-    return inputs.call(montecarlo.block_simulator, **records, number=number, varied=varied)
+    return inputs.call(montecarlo.block_simulator, **records, number=number)
 
 
 def nodes_of(ensemble, partition):
@@ -95,40 +93,7 @@ def test_delta_v_of_every_iteration(random_field, law, median, mean, deviation):
     assert delta_v.std() == pytest.approx(deviation, abs=SIGMAS * error * BOTH + 0.051)
 
 
-def test_closed_loop_is_far_below_open_loop_at_every_iteration(random_field):
-    for reading in ("corrected", "metres", "pf_printed"):
-        values = [delta_v_percentile(random_field.ensemble(reading), law) for law in range(4)]
-        (open_loop, open_error), *closed = values
-        for value, error in closed:
-            assert value + 10.0 * np.hypot(error, open_error) < open_loop
-            assert value < 0.7 * open_loop
-    # The third iteration of `corrected` is worse than the second: one linearised branch oversteps the kink.
-    second, third = (delta_v_percentile(random_field.ensemble(), law) for law in (2, 3))
-    assert third[0] - second[0] > 5.0 * np.hypot(second[1], third[1])
-
-
-def test_delta_v_has_its_least_value_at_the_kink(random_field):
-    ensemble = random_field.ensemble()
-    least = random_field.nominal().delta_v
-    for law in range(4):
-        below = ensemble.apoapsis[law] < 5.0
-        assert 0.05 < below.mean() < 0.95
-        assert ensemble.delta_v[law].min() > least - 1.0
-    # So that the prediction, which goes on through it, lies below what is flown.
-    gains = random_field.gains()
-    offset = ensemble.delta_v.mean(axis=1) - gains.delta_v_mean
-    np.testing.assert_allclose(offset[1:], (10.0, 4.0, 16.0), atol=1.0)
-
-
 # --- linear covariance ------------------------------------------------------------------------------------------------
-
-
-def test_open_loop_spread_is_that_of_linear_covariance(random_field):
-    """Within 2 % at every node, and three standard errors; known 5,000 trials of another program."""
-    ensemble, gains = random_field.ensemble(), random_field.gains()
-    spread = deviations(ensemble, 0, gains.partition)[1:]
-    predicted = np.sqrt(np.diagonal(gains.covariance[0], axis1=1, axis2=2))[1:] / UNITS
-    assert np.abs(spread / predicted - 1.0).max() < 0.02 + 3.0 / np.sqrt(2 * TRIALS)
 
 
 SPREAD = """
@@ -158,33 +123,6 @@ def test_spread_over_time(random_field, row):
         assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)
 
 
-def test_density_variation_met_by_the_flights(random_field):
-    """Closed loop: known standard deviations at the nodes, and those of the field there, within 4 %."""
-    reference = ".3845 .1430 .0963 .0732 .0616 .0587 .0590 .0633 .0714 .0822 .0979 .1253 .1556 .2094 .3882"
-    reference = np.array([float(text) for text in reference.split()])
-    ensemble, gains = random_field.ensemble(), random_field.gains()
-    at = nodes_of(ensemble, gains.partition)
-    deviation = np.sqrt(ensemble.covariance[3][at, flight.DENSITY_VARIATION, flight.DENSITY_VARIATION])
-    error = SIGMAS / np.sqrt(2 * TRIALS)
-    assert np.abs(deviation / reference - 1.0).max() < error * BOTH + 1e-3
-    assert np.abs(deviation / gains.variation_deviation[3][at] - 1.0).max() < 0.04 + error
-
-
-def test_dynamic_pressure_spreads_more_in_closed_loop(random_field):
-    """Known from 400 trials, Pa at 75, 100, ..., 325 s."""
-    reference = {
-        0: (0.3, 2.9, 13.5, 23.8, 18.4, 11.6, 22.9, 19.5, 16.3, 11.1, 3.7),
-        3: (0.3, 4.4, 39.0, 118.2, 160.0, 113.1, 52.0, 17.0, 5.3, 1.3, 0.1),
-    }
-    ensemble = random_field.ensemble()
-    at = nodes_of(ensemble, np.arange(75.0, 326.0, 25.0))
-    allowed = SIGMAS / np.sqrt(2 * TRIALS) * np.sqrt(1 + TRIALS / 400)
-    for law, expected in reference.items():
-        deviation = np.sqrt(ensemble.covariance[law][at, flight.DYNAMIC_PRESSURE, flight.DYNAMIC_PRESSURE])
-        # Four standard errors of normal samples, which these are not quite, and half a digit.
-        np.testing.assert_allclose(deviation, expected, rtol=1.5 * allowed, atol=0.051)
-
-
 # --- commands and their limits ----------------------------------------------------------------------------------------
 
 
@@ -206,32 +144,19 @@ def test_commands_of_the_last_law(random_field):
     assert np.abs(spread[busy] / predicted - 1.0).max() < 0.05 + SIGMAS / np.sqrt(2 * TRIALS)
 
 
-@pytest.mark.parametrize("limits", [(-1.0, 1.0), (-0.4, 0.8)])
-def test_violations_are_counted_trial_by_trial(random_field, limits):
-    """And flown within the limits, whatever these are."""
+def test_violations_are_counted_trial_by_trial(random_field):
+    limits = -0.4, 0.8
     changes = {"control_limits": np.array(limits), "iterations": 2}
-    ensemble, gains = random_field.ensemble(trials=1000, **changes), random_field.gains(**changes)
+    ensemble, gains = random_field.ensemble(trials=500, **changes), random_field.gains(**changes)
     by_step, at_any = step_violations(ensemble, gains.partition)
     assert by_step.shape == (3, 14) and at_any.shape == (3,)
     assert not by_step[0].any() and not at_any[0]
     for law in (1, 2):
-        trajectories = simulator(random_field, gains=gains, number=law, **changes)(0, 1000)
+        trajectories = simulator(random_field, gains=gains, number=law, **changes)(0, 500)
         commanded = trajectories.history[nodes_of(ensemble, gains.partition[:-1]), flight.BANK_COSINE]
         beyond = (commanded < limits[0]) | (commanded > limits[1])
         np.testing.assert_array_equal(by_step[law], beyond.sum(axis=1))
         assert at_any[law] == beyond.any(axis=0).sum() > 0
-
-
-def test_commands_leave_their_limits_about_as_often_as_allotted(random_field):
-    """0.27 % per step allotted; known: 0.66 % of 20,000 trials somewhere, and ten times the allotment in m/s."""
-    by_step, at_any = step_violations(random_field.ensemble(), random_field.gains().partition)
-    assert at_any[3] / TRIALS == pytest.approx(0.0066, abs=SIGMAS * np.sqrt(0.0066 * (1 / TRIALS + 1 / 20_000)))
-    assert by_step[3].max() / TRIALS < 0.0027 + SIGMAS * np.sqrt(0.0027 / TRIALS)
-    metres, _ = step_violations(random_field.ensemble("metres"), random_field.gains("metres").partition)
-    assert metres[3].max() / TRIALS == pytest.approx(0.026, abs=SIGMAS * np.sqrt(0.026 * (1 / TRIALS + 1 / 5000)))
-    assert metres[3].max() / TRIALS > 0.0027 + SIGMAS * np.sqrt(0.0027 / TRIALS)
-    quiet, _ = step_violations(random_field.ensemble("pf_printed"), random_field.gains("pf_printed").partition)
-    assert quiet[3].max() / TRIALS == pytest.approx(0.001, abs=SIGMAS * np.sqrt(0.001 * (1 / TRIALS + 1 / 5000)))
 
 
 # --- lost trials ------------------------------------------------------------------------------------------------------
@@ -260,7 +185,7 @@ def test_without_navigation_errors_most_flights_are_lost(random_field):
     assert random_field.gains("literal_gains").delta_v_deviation[1] < 2.0  # which is what the design promises
 
 
-@pytest.mark.parametrize("reading", ["corrected", "literal_gains", "printed"])
+@pytest.mark.parametrize("reading", ["literal_gains", "printed"])
 def test_no_trial_is_dropped(random_field, reading):
     """Every trial has an outcome and an end; delta-v exists for those that are captured, and for no other."""
     ensemble = random_field.ensemble(reading)
@@ -302,13 +227,6 @@ def test_a_lost_trial_counts_as_the_largest():
     assert np.isnan(percentile_with_lost(np.array([np.nan, 300.0]))).all()
 
 
-def test_percentiles_of_the_first_trials(random_field):
-    ensemble = random_field.ensemble()
-    first_percentile = delta_v_percentile(ensemble, 3, trials=700)
-    assert first_percentile == percentile(ensemble.delta_v[3, :700], 0.99)
-    assert delta_v_percentile(ensemble, 3, level=0.9)[0] == pytest.approx(np.quantile(ensemble.delta_v[3], 0.9))
-
-
 # --- how they are run -------------------------------------------------------------------------------------------------
 
 
@@ -322,7 +240,7 @@ def test_results_do_not_depend_on_chunks(random_field):
         np.testing.assert_array_equal(getattr(whole, name), getattr(larger, name)[:, :250], err_msg=name)
 
 
-@pytest.mark.parametrize(("reading", "number"), [("corrected", 1234), ("literal_gains", 3), ("printed", 77)])
+@pytest.mark.parametrize(("reading", "number"), [("corrected", 1234), ("printed", 77)])
 def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, number):
     records = {name: random_field.stage(name, reading) for name in ("nominal", "gains")}
     inputs = random_field.inputs(reading)
@@ -335,104 +253,3 @@ def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, numb
         assert f"{ensemble.delta_v[3, number]:18.9f}" in report
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
     assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("aerocapture", number, other))
-
-
-def test_laws_and_readings_share_their_fields(random_field):
-    """Entry states are known exactly, so every flight of a trial begins at the same density variation."""
-    top = {reading: random_field.ensemble(reading) for reading in ("corrected", "metres", "literal_gains")}
-    variation = top["corrected"].kept_history[0, :, 0, flight.DENSITY_VARIATION]
-    assert len(set(variation)) == len(variation) == 12
-    for ensemble in top.values():
-        for law in range(4):
-            np.testing.assert_array_equal(ensemble.kept_history[law, :, 0, flight.DENSITY_VARIATION], variation)
-    # The open loop is that of any reading with this air.
-    np.testing.assert_array_equal(top["metres"].final_state[0], top["corrected"].final_state[0])
-    # On the first interval nothing has happened yet to which a law could answer.
-    history = top["corrected"].kept_history[:, :, :20]
-    for law in (1, 2, 3):
-        commanded = history[law, :, :, flight.BANK_COSINE]
-        np.testing.assert_array_equal(commanded, np.full_like(commanded, commanded[0, 0]))
-        assert commanded[0, 0] == pytest.approx(0.1 * law, abs=1e-4)
-
-
-def test_ensembles_hold_what_was_flown(random_field):
-    """Moments and histograms of a run in blocks, from the trials themselves."""
-    ensemble = random_field.fly("corrected", random_field.gains(), trials=300, block_size=100)
-    trajectories = simulator(random_field)(0, 300)
-    np.testing.assert_array_equal(ensemble.final_state[3], trajectories.final_state.T)
-    np.testing.assert_array_equal(ensemble.kept_history[3], trajectories.history[..., :12].transpose(2, 0, 1))
-    np.testing.assert_array_equal(ensemble.time, np.arange(0.0, 400.1, 2.5))
-    for k in (0, 40, 61, 160):
-        history = trajectories.history[k]
-        np.testing.assert_allclose(ensemble.mean[3, k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
-        size = np.sqrt(np.diag(np.cov(history))) + 1e-9
-        assert np.abs((ensemble.covariance[3, k] - np.cov(history)) / np.outer(size, size)).max() < 1e-9
-        counts = np.histogram(trajectories.observed[k, 0], ensemble.histogram_edges[3, 0])[0]
-        np.testing.assert_array_equal(ensemble.histogram[3, k, 0, 1:-1][1:-1], counts[1:-1])
-        assert ensemble.histogram[3, k, 0].sum() == 300
-    np.testing.assert_array_equal(ensemble.flying, 300)
-
-
-# --- against another propagator, and without a field ------------------------------------------------------------------
-
-
-def test_delta_v_is_that_of_plain_numpy(random_field):
-    """All trials at once by array operations, in the same fields, under the last law: 1e-8 m/s."""
-    inputs, gains = random_field.inputs("corrected"), random_field.gains()
-    air, trials = environment.air_tables(inputs.air), 100
-    normal_numbers = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
-    variation = np.empty((trials, len(air.altitude)))
-    variation[:, -1] = air.top_deviation * normal_numbers[:, 0]
-    for down, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
-        variation[:, node] = air.retention[node] * variation[:, node + 1]
-        variation[:, node] += air.innovation_deviation[node] * normal_numbers[:, down]
-    coarse = air.bottom + air.spacing * np.arange(len(air.log_density))
-    log_density = CubicHermiteSpline(coarse, air.log_density, air.log_density_slope)
-    rows = np.arange(trials)
-
-    def rates(state, control):
-        radius, velocity, angle = state
-        position = (radius - RADIUS - 20e3) / 100.0
-        node = np.clip(position.astype(int), 0, len(air.altitude) - 2)
-        fraction = np.clip(position - node, 0.0, 1.0)
-        relative = (1 - fraction) * variation[rows, node] + fraction * variation[rows, node + 1]
-        density = np.exp(log_density(radius - RADIUS)) * np.maximum(1.0 + relative, 1e-3)
-        drag, gravity = density / 300.0, MU / radius**2
-        sine, cosine = np.sin(angle), np.cos(angle)
-        turn = 0.2 * drag * velocity * control - (gravity - velocity**2 / radius) * cosine / velocity
-        return np.array([velocity * sine, -drag * velocity**2 - gravity * sine, turn])
-
-    start = [RADIUS + 125e3, 6100.0, random_field.nominal().entry_flight_path_angle]
-    state, deviations_at_nodes = np.tile(start, (trials, 1)).T, []
-    for k, length in enumerate(np.diff(gains.partition)):
-        deviations_at_nodes.append(state.T - gains.reference[3, k])
-        control = gains.control[3, k] + sum(deviations_at_nodes[l] @ gains.gain[3, k, l] for l in range(k + 1))
-        control = np.clip(control, -1.0, 1.0)
-        for _ in range(round(length / 0.5)):
-            first = rates(state, control)
-            second = rates(state + 0.25 * first, control)
-            third = rates(state + 0.25 * second, control)
-            state = state + (first + 2 * second + 2 * third + rates(state + 0.5 * third, control)) / 12.0
-    delta_v = orbits.total_delta_v(*state, *MISSION)
-    np.testing.assert_allclose(random_field.ensemble().delta_v[3, :trials], delta_v, rtol=0, atol=1e-8)
-
-
-def test_without_a_field_any_gains_fly_the_nominal(random_field):
-    """References taken from the flight itself: no deviation, to the last bit, however large the gains."""
-    gains = random_field.gains()
-    still = replace(gains, gain=np.zeros_like(gains.gain))
-
-    def trajectories_of(law):
-        return simulator(random_field, gains=law, number=3, varied=False)(0, 2)
-
-    alone = trajectories_of(still)
-    at = np.searchsorted(gains.time, gains.partition)
-    reference = gains.feedback_reference.copy()
-    reference[3] = alone.history[at, :3, 0] + [RADIUS, 0.0, 0.0]
-    gain = 100.0 * gains.gain * (1.0 + np.arange(15))[:, np.newaxis]
-    steered = trajectories_of(replace(gains, gain=gain, feedback_reference=reference))
-    # The altitude is stored, the radius is fed back: they differ by rounding, 1e-10 m.
-    np.testing.assert_allclose(steered.final_state, alone.final_state, rtol=1e-9)
-    np.testing.assert_allclose(alone.history[:, 0, 0], gains.altitude[3], rtol=0, atol=1e-3)
-    np.testing.assert_allclose(alone.history[:, 1, 0], gains.velocity[3], rtol=0, atol=1e-5)
-    assert not alone.history[:, flight.DENSITY_VARIATION].any()

@@ -1,8 +1,6 @@
 """Claims and tables of the entry-guidance paper: everything printed has its evaluator, verdicts follow the numbers."""
 
-import inspect
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,21 +10,20 @@ from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry import records, tables
 from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES
+from marsedl.replication import effects
 from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import collect, judge, write_claims
+from marsedl.replication.report import InputEntry, InputValue, ReadingEntry
 from marsedl.replication.tables import csv_text
 
-# All readings that the reasons speak of.
-READINGS = (
-    *("corrected", "printed", "desensitized_density", "printed_heading", "partition_24", "partition_20"),
-    *("density_blind", "velocity_adjoint", "density_blind_velocity_adjoint"),
-    *("same_sign", "timed_covariance", "density_blind_same_sign", "density_blind_same_sign_short"),
-)
 STUDIED = {"theorem_lqg", "corollary_lqg", "fig9_altitude_range_tradeoff"}  # rest on studies of `corrected`
 RANGE = records.DOWNRANGE
 
 PAPER = catalogue("stochastic_entry")
 DECLARATIONS = claims_of("stochastic_entry").declarations
+
+
+READINGS = ("corrected", "printed", "printed_aero", "density_blind", "density_blind_same_sign")
 
 
 def evaluate(entry, reading="corrected", inputs=None, **replaced):
@@ -35,75 +32,55 @@ def evaluate(entry, reading="corrected", inputs=None, **replaced):
 
 @pytest.fixture(scope="module")
 def evaluations(entry):
-    return {name: evaluate(entry, name) for name in READINGS}
+    found = {name: evaluate(entry, name) for name in READINGS}
+    # Of the law that is flown as in `corrected`, the covariance by its gains against time.
+    return found | {"timed_covariance": entry.evaluate("timed_covariance", entry.artifacts("corrected"))}
 
 
 @pytest.fixture(scope="module")
-def rows(entry_published, evaluations):
+def rows(entry, entry_published, evaluations):
     erratum_ids = {erratum.id for erratum in PAPER.errata}
+    left_out = set(entry.study.readings) - set(evaluations)
     # Reasons are stated for the full size: here they need only be quotable.
     claim_rows = collect(
-        list(entry_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids, require_reasons=False
+        list(entry_published.values()),
+        DECLARATIONS,
+        evaluations,
+        known_errata=erratum_ids,
+        require_reasons=False,
+        left_out=left_out,
     )
     return {row["id"]: row for row in claim_rows}
 
 
-# --- everything has its counterpart -----------------------------------------------------------------------------------
-
-
-def test_every_table_and_summary_of_the_catalogue_has_its_function():
-    function_names = {name for name, function in inspect.getmembers(tables, inspect.isfunction)}
-    assert set(PAPER.tables) | set(PAPER.summaries) <= function_names
-    assert {"tab01", "tab02", "tab03", "tab04"} < set(PAPER.tables)
-
-
-@pytest.mark.parametrize("stem", PAPER.tables)
-def test_captions_are_sentences(stem):
-    assert PAPER.product(stem).caption.endswith(".")
-
-
-def test_every_printed_claim_is_evaluated_in_every_reading(entry_published, evaluations):
+def test_every_printed_claim_is_evaluated(entry_published, evaluations):
     claim_names = {name for name, claim in entry_published.items() if claim.kind != "context"}
-    assert len(claim_names) == 114
     for name in READINGS:
         assert set(evaluations[name]) == claim_names, name
         unevaluated = {claim for claim, evaluation in evaluations[name].items() if evaluation is None}
         assert unevaluated == (set() if name == "corrected" else STUDIED), name
 
 
-def test_only_what_needs_mars_gram_is_undetermined(entry_published):
-    undetermined = {name for name, claim in entry_published.items() if claim.kind == "undetermined"}
-    assert undetermined == {"ou_resembles_marsgram", "tab3_density"}
-
-
-def test_declarations_name_existing_claims_and_errata(entry_published):
-    erratum_ids = [erratum.id for erratum in PAPER.errata]
-    assert erratum_ids == [f"E{number}" for number in range(1, 23)]
-    for name, declaration in DECLARATIONS.items():
-        assert name in entry_published
-        assert set(declaration.errata) <= set(erratum_ids), name
-    tolerant = {name for name, declaration in DECLARATIONS.items() if declaration.close}
-    assert tolerant == {"zf_column_velocity", "fig9_range_error_turns"}
-
-
-def test_reasons_speak_of_readings_that_exist(entry, rows):
-    assert set(READINGS) <= set(entry.study.readings)
-    assert not [name for name, row in rows.items() if "{" in row["reason"]]
-
-
-def test_reasons_have_no_typed_number():
-    """Numbers in reasons are computed; only equations, figures and tables are named by theirs."""
-    for name, declaration in DECLARATIONS.items():
-        named = re.sub(r"(Eqs?\.|Figs?\.|Tables?|Sec\.) [\d, and]+[a-f]?|\{[^}]*\}|`[^`]*`", "", declaration.reason)
-        assert not re.search(r"\d", named), (name, named)
-
-
-def test_withheld_choices_are_named_by_their_inputs(entry):
-    for name, declaration in DECLARATIONS.items():
-        for choice in declaration.withheld:
-            keys = re.findall(r"`(\w+\.\w+)`", choice)
-            assert keys or choice == "the start of the search", (name, choice)
-            assert set(keys) <= set(entry.model.names()), (name, keys)
+def test_no_cause_is_shown_whose_reading_moves_no_number(entry, rows):
+    """The printed lift error is no reason for the headline: what the Apollo law feeds back is."""
+    readings = [ReadingEntry(name, "", reading.based_on) for name, reading in entry.study.readings.items()]
+    built = [reading for reading in readings if reading.name in (*READINGS, "timed_covariance")]
+    inputs = [
+        InputEntry(
+            name, "1", {r.name: InputValue(repr(entry.study.readings[r.name].inputs.plain()[name]), "") for r in built}
+        )
+        for name in entry.model.names()
+    ]
+    moves = effects.causes(list(rows.values()), PAPER.errata, inputs, built)
+    titles = {erratum.id: erratum.title for erratum in PAPER.errata}
+    shown = {name: effects.why(rows[name], titles, {}, moves[name]) for name in moves}
+    assert shown["headline_range_reduction"] == titles["E14"]
+    deciding = effects.deciding(list(rows.values()), built, inputs, PAPER.errata)
+    still = {choice.reading for choice in deciding.choices if choice.change and not choice.change.counts}
+    assert "printed_aero" in still
+    for erratum in PAPER.errata:
+        if still.issuperset(erratum.kept_by):
+            assert not erratum.kept_by or titles[erratum.id] not in shown[deciding.claim], erratum.id
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -141,18 +118,6 @@ def test_verdicts_of_the_corrected_reading(rows, verdict):
     assert not other_verdicts
 
 
-def test_what_cannot_fail_is_not_counted(rows):
-    assert {name for name, row in rows.items() if row["verdict"] == "by_construction"} == VERDICTS["by_construction"]
-
-
-def test_all_inputs_are_used_as_stated_by_the_printed_reading(rows):
-    stated = {name: row["verdict"] for name, row in rows.items() if row["kind"] == "input"}
-    assert len(stated) > 40
-    # The tests draw fewer trials.
-    assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"fig9_plotted_trials"}
-    assert rows["tab3_aero"]["readings"]["corrected"]["verdict"] == "not_as_stated"
-
-
 def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
     for case in ("stochastic_time", "stochastic_velocity"):
         evaluation = evaluations["printed"][f"tab4_downrange_{case}"]
@@ -165,33 +130,6 @@ def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
     write_claims(rows.values(), tmp_path / "claims.json")
     written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
     assert written["fig9_altitude_active"]["readings"]["printed"]["value"] is None
-
-
-def test_hypotheses_do_what_the_reasons_say(rows, evaluations):
-    def verdict(name, reading):
-        return rows[name]["readings"][reading]["verdict"]
-
-    assert verdict("fig8_apollo_similar", "velocity_adjoint") == "holds"
-    assert verdict("fig8_more_aggressive", "timed_covariance") == "holds"
-    assert verdict("fig13_apollo_negative", "timed_covariance") == "fails"
-    assert verdict("headline_range_reduction", "density_blind_same_sign") == "reproduced"
-    assert verdict("velocity_trigger_helps_apollo", "density_blind_same_sign") == "fails"
-    for reading in ("partition_24", "partition_20"):
-        assert verdict("fig8_silent_after_ei", reading) == "fails"
-
-    def downrange_interval(reading):
-        low, high = evaluations[reading]["tab4_downrange_apollo_time"].value
-        return high - low
-
-    assert downrange_interval("velocity_adjoint") > 2 * downrange_interval("corrected")
-
-
-def test_density_that_is_not_fitted_gives_the_printed_transformation_to_some_per_cent(rows, entry_published):
-    result = rows["zf_column_velocity"]["readings"]["desensitized_density"]
-    assert result["verdict"] == "close"
-    printed = np.array(entry_published["zf_column_velocity"].printed)
-    nonzero = printed != 0
-    assert np.abs(np.array(result["value"])[nonzero] / printed[nonzero] - 1).max() < 0.05
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -298,26 +236,12 @@ def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published,
     assert not [name for name, change in turned.items() if change is None]
 
 
-def test_the_trade_off_holds_where_a_larger_limit_still_buys_range(entry, evaluations):
-    assert evaluations["corrected"]["fig9_altitude_range_tradeoff"].value is False
-    tradeoff = entry.tradeoff()
-    on_coarse = replace(tradeoff, limited_deviation=tradeoff.limited_deviation[::-1])
-    assert evaluate(entry, tradeoff=on_coarse)["fig9_altitude_range_tradeoff"].value is True
-
-
 @pytest.mark.parametrize("name", ["lofting_captured", "fig9_lc_worst_gamma", "crossrange_nulled"])
 def test_a_statement_about_both_laws_fails_if_one_has_no_finite_deviation(entry, name):
     ensemble = entry.artifacts("corrected")["stochastic_time"]
     unknown = replace(ensemble, covariance=np.full_like(ensemble.covariance, np.nan))
     evaluation = evaluate(entry, stochastic_time=unknown)[name]
     assert evaluation.value is False and not evaluation.undetermined
-
-
-def test_exact_noise_would_meet_the_profile(entry, evaluations):
-    """A little less diffusion than Eq. 11 brings the variance closer to the profile."""
-    assert evaluations["corrected"]["ou_variance_matches_profile"].numbers["most"] > 10.0
-    less = evaluate(entry, inputs={"diffusion_factor": 3.7})["ou_variance_matches_profile"]
-    assert less.numbers["most"] < 10.0
 
 
 def test_numbers_are_decided_by_the_artifacts(entry, entry_published):
@@ -439,9 +363,6 @@ def test_certificates_and_error_budget(entry, entry_published):
     assert list(rows["trigger"]) == ["time", "velocity"]
     np.testing.assert_allclose(rows["deviation of the objective (m)"], np.sqrt(entry.gains().cost), rtol=1e-12)
     assert rows["final altitude deviation over its limit"][1] == pytest.approx(1.0, abs=1e-4)
-    search = table(entry, entry_published, "lqg_search")
-    assert list(search["start"]) == 2 * list(records.START_SCALES)
-    np.testing.assert_array_equal(search["cost ratio"], entry.certificates().search_ratio.ravel())
     rows, budget = table(entry, entry_published, "sources"), entry.error_budget()
     assert len(rows) == len(budget.law) * 2 * (len(budget.source) + 2)
     cell = row(rows, law="stochastic", trigger="velocity", source="aerodynamics")
@@ -452,18 +373,6 @@ def test_certificates_and_error_budget(entry, entry_published):
     floor = rows[rows["source"].str.startswith("floor")]
     np.testing.assert_array_equal(floor["deviation (m)"], np.tile(budget.floor, len(budget.law)))
     np.testing.assert_array_equal(rows["missed"].dropna(), budget.missed.ravel())
-
-
-def test_reversals_divide_all_trials(entry, entry_published):
-    rows = table(entry, entry_published, "reversal_split")
-    for _, whole in table(entry, entry_published, "endings").iterrows():
-        groups = rows[(rows["law"] == whole["law"]) & (rows["trigger"] == whole["trigger"])]
-        assert groups["trials"].sum() == whole["trials"] == 2000
-        assert groups["share (%)"].sum() == pytest.approx(100.0, rel=1e-12)
-        mean = (groups["share (%)"] * groups["mean range error (km)"]).sum() / 100
-        assert mean == pytest.approx(whole["mean range error (km)"], rel=1e-9)
-    cell = row(table(entry, entry_published, "reversal_split", "printed"), law="stochastic", trigger="time")
-    assert cell["trials"] == 0 and cell[["bank reversals", "mean range error (km)"]].isna().all()
 
 
 VERDICT = "with the velocity trigger"
@@ -513,13 +422,3 @@ def test_headline_verdict_follows_the_numbers(entry, entry_published, factor, ve
     rows = tables.headline(entry.of_readings(tables.Records, {"corrected": artifacts}), entry_published)
     assert rows[VERDICT].iloc[-1] == verdict
     assert rows["ratio of the 99th percentiles"].iloc[-1] == pytest.approx(factor, rel=1e-6)
-
-
-def test_hypotheses_are_marked_by_their_inputs(entry):
-    inputs = {name: entry.all_inputs(name) for name in entry.study.readings}
-    marked = {name for name, given in inputs.items() if tables.hypothesis(given.guidance, given.design)}
-    assert marked == {
-        *("partition_24", "partition_20", "drag_form", "density_blind"),
-        *("velocity_adjoint", "density_blind_velocity_adjoint"),
-        *("density_blind_same_sign", "density_blind_same_sign_short"),
-    }

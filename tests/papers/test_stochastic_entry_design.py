@@ -13,18 +13,16 @@ from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.chance import chance_factor
 from marsedl.methods.covariance_steering.lqg_dual import solve
-from marsedl.methods.lincov import propagate
-from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
+from marsedl.methods.guidance.apollo import adjoint_gains
 from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, records
 from marsedl.papers.stochastic_entry.gains import STATE_SCALE, problem
-from marsedl.papers.stochastic_entry.linearization import system
 from marsedl.papers.stochastic_entry.records import TRIGGERS
 
 RADIUS, GRAVITATIONAL_PARAMETER = 3397e3, 4.2828e13
 AREA = np.pi * 4.5**2 / 4
 DRAG_FACTOR = 1 / (2 * 135.0)  # A C_D / (2 m) = 1 / (2 BC)
 LIFT_FACTOR = 0.24 * DRAG_FACTOR
-DESIGNED = ("corrected", "desensitized_density", "partition_24")
+DESIGNED = ("corrected", "partition_24")
 
 
 def three_sigma(covariance):
@@ -149,18 +147,7 @@ def test_nominal_over_time(entry, expected):
     np.testing.assert_array_less(np.abs(np.subtract(values, expected[1:])), digits)
 
 
-@pytest.mark.parametrize(
-    ("time", "altitude", "velocity"),
-    [(60, 43.98, 5638.8), (90, 19.87, 3539.0), (120, 15.29, 1671.3), (165, 15.57, 886.3), (210, 14.0, 602.9)],
-)
-def test_nominal_over_time_in_the_desensitized_density(entry, time, altitude, velocity):
-    nominal = entry.nominal("desensitized_density")
-    k = np.flatnonzero(np.abs(nominal.time - time) < 1e-9)[0]
-    assert nominal.altitude[k] / 1e3 == pytest.approx(altitude, abs=0.0051)
-    assert nominal.velocity[k] == pytest.approx(velocity, abs=0.051)
-
-
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density", "marsgram_table"])
+@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
 def test_no_reversal_of_the_nominal_is_marginal(entry, reading):
     """A margin of centimetres would let a right program fly one reversal more."""
     nominal = entry.nominal(reading)
@@ -183,7 +170,6 @@ def test_nominal_bank_keeps_to_its_profile_between_reversals(entry):
     cycles = np.isin(nominal.time, nominal.guidance_time) & (nominal.time < nominal.alignment_time)
     velocity = nominal.velocity[cycles]
     expected = np.interp(velocity, [2500.0, 5500.0], np.cos(np.radians([45.0, 75.0])))
-    np.testing.assert_allclose(nominal.commanded_cosine[cycles], expected, atol=1e-12)
     bank_cosine = np.cos(nominal.bank[cycles])
     rolling = np.abs(bank_cosine - expected) > 1e-9
     assert 15 < rolling.sum() < 40  # three reversals of 6 to 10 seconds
@@ -201,15 +187,14 @@ def test_crossrange_at_entry_is_that_of_the_azimuth(entry):
     assert entry.nominal().crossrange[0] == pytest.approx(plane, abs=0.01)
 
 
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
-def test_nominal_does_not_depend_on_its_steps(entry, reading):
-    base, finer = entry.nominal(reading), entry.nominal(reading, nominal_substeps=40)
+def test_nominal_does_not_depend_on_its_steps(entry):
+    base, finer = entry.nominal(), entry.nominal(nominal_substeps=40)
     assert finer.end_time == pytest.approx(base.end_time, abs=1e-4)
     assert finer.downrange[-1] == pytest.approx(base.downrange[-1], abs=0.1)
     np.testing.assert_array_equal(finer.reversal_time, base.reversal_time)
 
 
-@pytest.mark.parametrize("reading", ["corrected", "printed", "desensitized_density"])
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
 def test_longitude_and_latitude_of_the_nominal_place_the_target_where_it_is_stored(entry, reading):
     """By vectors in space: the arc to the target, and its angle from the plane of the inertial velocity."""
     nominal, inputs = entry.nominal(reading), entry.stage_inputs(reading, "nominal")
@@ -277,11 +262,10 @@ def longitudinal_rates(profile, decay_factor, state, cosine):
     )
 
 
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
-def test_matrices_are_the_derivatives_of_a_second_of_flight(entry, reading):
+def test_matrices_are_the_derivatives_of_a_second_of_flight(entry):
     """Deviations d' = f(nominal + d, u + v) - f(nominal, u) over a guidance period, by central differences."""
-    inputs = entry.stage_inputs(reading, "linearization")
-    nominal, model = entry.nominal(reading), entry.linearization(reading)
+    inputs = entry.stage_inputs("corrected", "linearization")
+    nominal, model = entry.nominal(), entry.linearization()
     profile = inputs.call(environment.profile)
     states = np.column_stack(
         [
@@ -397,16 +381,8 @@ def test_density_noise_is_that_of_the_sink_rate_and_none_while_climbing(entry):
         assert model.noise[k, 4, 4] > 0
 
 
-def test_initial_covariance_is_that_of_table_2_and_eq_44(entry):
+def test_trigger_projection_is_a_projection_along_the_flight(entry):
     model = entry.linearization()
-    density = entry.nominal().density[0]
-    expected = [0.0, 20.0 / 3, np.radians(0.5) / 3, 5e3 / 3, density * np.sqrt(0.148)]
-    np.testing.assert_allclose(model.initial_covariance, np.diag(np.square(expected)), rtol=1e-12)
-
-
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density", "marsgram_table"])
-def test_trigger_projection_is_a_projection_along_the_flight(entry, reading):
-    model = entry.linearization(reading)
     projection, rates, normal = model.trigger_projection, model.final_rates, np.eye(5)[1]
     units = STATE_SCALE / STATE_SCALE[:, np.newaxis]  # entries per unit of the other
     np.testing.assert_allclose(projection @ projection * units, projection * units, atol=1e-12)
@@ -451,7 +427,6 @@ def test_the_law_is_a_certified_optimum(entry, reading, trigger):
     np.testing.assert_allclose(laws.final_ratio[trigger][laws.final_multiplier[trigger] > 1e-9], 1.0, atol=1e-5)
     # No law is better than the noise after the last control.
     assert laws.cost[trigger] >= laws.noise_floor[trigger] * (1 - 1e-12)
-    assert laws.dual_value[trigger] <= laws.cost[trigger] * (1 + 1e-9)
 
 
 def riccati(model, weight, control_weight):
@@ -467,11 +442,10 @@ def riccati(model, weight, control_weight):
     return np.array(gain[::-1])
 
 
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
-def test_multipliers_as_lqg_weights_give_the_law(entry, reading, trigger):
+def test_multipliers_as_lqg_weights_give_the_law(entry, trigger):
     """Theorem III.1, with a Riccati recursion of another form."""
-    laws, model = entry.gains(reading), entry.linearization(reading)
+    laws, model = entry.gains(), entry.linearization()
     objective = np.eye(5)[3] if trigger == 0 else model.trigger_projection[3]
     weight = np.outer(objective, objective)
     weight[0, 0] += laws.final_multiplier[trigger, 0]
@@ -488,7 +462,7 @@ def test_multipliers_as_lqg_weights_give_the_law(entry, reading, trigger):
 def test_predicted_covariance_is_that_of_simulated_linear_systems(entry, reading, trigger):
     """Eqs. 35 and 40 with random numbers; a control of the design is held over its interval."""
     laws, model = entry.gains(reading), entry.linearization(reading)
-    trials, random = 20_000, np.random.default_rng(7)
+    trials, random = 5000, np.random.default_rng(7)
     state = np.sqrt(np.diag(model.initial_covariance))[:, np.newaxis] * random.standard_normal((5, trials))
     control = np.zeros(trials)
     error = 4 * np.sqrt(2 / trials)
@@ -533,7 +507,6 @@ def test_predicted_covariance_meets_the_limits(entry, reading, trigger):
         ("corrected", 0, (2.000, 51.45, 1.550, 0.256), 0.14, 0.0854),
         ("corrected", 1, (2.000, 48.91, 1.385, 6.90), -0.980, 0.4669),
         ("partition_24", 1, (2.000, 46.0, 1.29, 6.48), -0.977, 0.467),
-        ("partition_20", 1, (2.000, 46.0, 1.26, 6.48), -0.977, 0.467),
         ("desensitized_density", 0, (2.000, 52.87, 1.550, 0.235), 0.13, 0.0782),
         ("desensitized_density", 1, (2.000, 48.44, 1.323, 6.75), -0.982, 0.4335),
     ],
@@ -547,26 +520,6 @@ def test_predicted_dispersions_at_the_end(entry, reading, trigger, expected, ran
     weight = np.eye(5)[3] if trigger == 0 else entry.linearization(reading).trigger_projection[3]
     deviation = np.sqrt(weight @ covariance @ weight) / 1e3
     assert deviation == pytest.approx(objective, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("reading", "interval", "stopped", "whole"),
-    [("partition_24", 10.0, 0.409, 0.3317), ("partition_20", 12.0, 0.508, 0.4925)],
-)
-def test_coarse_partitions_in_the_time_case(entry, reading, interval, stopped, whole):
-    """The start of the heading alignment cuts an interval, whose control counts for the seconds before.
-
-    Known values are those without any control in that interval.
-    """
-    posed = entry.stage_inputs("corrected", "gains").call(problem, entry.linearization(), 0, interval=interval)
-    control = posed.system.control.copy()
-    control[np.flatnonzero(control.any(axis=1))[-1]] = 0.0
-    without = solve(posed._replace(system=posed.system._replace(control=control)))
-    assert np.sqrt(without.covariance[-1][3, 3]) / 1e3 == pytest.approx(stopped, abs=5.1e-4)
-    covariance = entry.gains(reading).stochastic_covariance[0][-1]
-    assert np.sqrt(covariance[3, 3]) / 1e3 == pytest.approx(whole, abs=5.1e-5)
-    assert three_sigma(covariance)[0] == pytest.approx(2.0, abs=5.1e-4)
-    assert three_sigma(covariance)[2] == pytest.approx(1.55, abs=5.1e-4)
 
 
 def test_the_law_is_silent_after_entry(entry):
@@ -615,7 +568,6 @@ def test_a_coarse_partition_holds_gain_in_flight_and_control_in_the_design(entry
         by_interval = laws.stochastic_gain[trigger][laws.partition_start]
         gain_of_interval = np.repeat(by_interval, 10, axis=0)[: len(laws.stochastic_gain[trigger])]
         np.testing.assert_array_equal(laws.stochastic_gain[trigger], gain_of_interval)
-    assert len(entry.gains("partition_20").partition_start) == 20
     # On the limit from entry on, against the silence that the paper shows.
     three = 3 * np.sqrt(laws.stochastic_control_variance[0])
     assert three[0] == pytest.approx(0.45, rel=1e-3)
@@ -632,12 +584,22 @@ def test_the_printed_gain_equation_overflows(entry):
         gain = laws.stochastic_gain[trigger][last]
         assert 1e20 < np.abs(gain).max() < 1e60
         assert "gains are finite" in laws.status[trigger]
-        for name in ("cost", "gap", "dual_value", "complementarity"):
+        for name in ("cost", "gap", "complementarity"):
             assert np.isnan(getattr(laws, name)[trigger])
-    assert np.isfinite(laws.apollo_gain).all() and np.isfinite(laws.apollo_covariance).all()
+    assert np.isfinite(laws.table_gain).all() and np.isfinite(laws.apollo_covariance).all()
 
 
 # --- the Apollo law ---------------------------------------------------------------------------------------------------
+
+
+def apollo_gain(entry, reading, trigger):
+    """Gain of the Apollo law in every guidance period, (periods, 5): what the flown table is made from."""
+    laws, model = entry.gains(reading), entry.linearization(reading)
+    final = laws.adjoint[trigger][-1]
+    if reading != "density_blind":
+        return adjoint_gains(model.transition, model.control, final, 5.0).gain
+    blind = adjoint_gains(model.slaved_transition, model.slaved_control, final[:4], 5.0).gain
+    return np.column_stack([blind, np.zeros(len(blind))])
 
 
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
@@ -652,10 +614,9 @@ def test_adjoint_predicts_the_final_range_of_deviations(entry, trigger):
             states = model.transition[k] @ states
             control_response = model.transition[k] @ control_response + model.control[k]
         np.testing.assert_allclose(laws.adjoint[trigger][start] * STATE_SCALE, goal @ states, rtol=1e-9, atol=1e-9)
-        assert laws.control_adjoint[trigger][start] == pytest.approx(goal @ control_response, rel=1e-9)
         # Overcontrol by 5: the command would turn the predicted error into minus four times itself.
-        gain = laws.apollo_gain[trigger][start]
-        turned = laws.adjoint[trigger][start] + laws.control_adjoint[trigger][start] * gain
+        gain = apollo_gain(entry, "corrected", trigger)[start]
+        turned = laws.adjoint[trigger][start] + (goal @ control_response) * gain
         np.testing.assert_allclose(turned, -4 * laws.adjoint[trigger][start], rtol=1e-9, atol=1e-12)
 
 
@@ -671,7 +632,7 @@ def test_velocity_adjoint_is_blind_to_a_shift_in_time(entry):
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_gains_without_a_density_state_are_the_five_state_gains_on_the_mean_density(entry, trigger):
     """K4_r = K5_r - K5_rho rho/H, the others equal: density then is one of altitude."""
-    five, four = entry.gains().apollo_gain[trigger], entry.gains("density_blind").apollo_gain[trigger]
+    five, four = (apollo_gain(entry, reading, trigger) for reading in ("corrected", "density_blind"))
     model = entry.linearization()
     slaved = five.copy()
     slaved[:, 0] -= five[:, 4] * model.state[:-1, 4] * model.inverse_scale_height[:-1]
@@ -696,7 +657,7 @@ def effective_gain(model, gain, slopes):
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_covariance_of_the_apollo_law_is_that_of_the_law_as_flown(entry, reading, trigger):
     laws, model = entry.gains(reading), entry.linearization(reading)
-    effective = effective_gain(model, laws.apollo_gain[trigger], (model.slope / model.slope[:, [1]])[:-1])
+    effective = effective_gain(model, apollo_gain(entry, reading, trigger), (model.slope / model.slope[:, [1]])[:-1])
     covariance = model.initial_covariance
     for k in range(len(effective)):
         variance = effective[k] @ covariance @ effective[k]
@@ -737,7 +698,7 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     # One trial is on either side of a row of the table: the mean of both slopes.
     sides = np.diff(model.state, axis=0) / np.diff(model.state[:, 1])[:, np.newaxis]
     slopes = np.vstack([sides[:1], (sides[1:] + sides[:-1]) / 2])
-    effective = effective_gain(model, laws.apollo_gain[TRIGGERS.index(case[7:])], slopes)[:140]
+    effective = effective_gain(model, apollo_gain(entry, "corrected", TRIGGERS.index(case[7:])), slopes)[:140]
     terms = effective * change[:, :5]
     command_change = change[:, records.BANK_COSINE]
     times = np.arange(40, 140)
@@ -762,32 +723,6 @@ def test_predicted_dispersions_of_the_apollo_law(entry, reading, kind, trigger, 
     covariance = getattr(entry.gains(reading), f"{kind}_covariance")[trigger][-1]
     np.testing.assert_allclose(three_sigma(covariance), expected, rtol=tolerance)
     assert correlation(covariance, 3, 1) == pytest.approx(range_velocity, abs=0.05 if tolerance > 0.02 else 0.01)
-
-
-@pytest.mark.parametrize(
-    ("trigger", "expected"), [(0, (2.17, 44.3, 1.15, 2.42)), (1, (2.51, 51.7, 1.66, 7.05))], ids=TRIGGERS
-)
-def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_the_apollo_law(entry, trigger, expected):
-    inputs, laws, model = entry.inputs("corrected"), entry.gains(), entry.linearization()
-    drag_factor, lift_factor = dispersions.factors(inputs.call(dispersions.body_of))
-    inverse = model.inverse_scale_height
-    slopes = np.stack(
-        longitudinal_entry_rates(
-            model.state.T,
-            model.bank_cosine,
-            model.state[:, 4],
-            inverse,
-            inputs.decay_factor * inverse,
-            drag_factor,
-            lift_factor,
-            inputs.gravitational_parameter,
-        ),
-        axis=-1,
-    )
-    effective = effective_gain(model, laws.apollo_gain[trigger], (slopes / slopes[:, [1]])[:-1])
-    covariance = propagate(system(model), effective, model.initial_covariance).covariance[-1]
-    np.testing.assert_allclose(three_sigma(covariance), expected, rtol=0.02)
-    assert correlation(covariance, 3, 1) == pytest.approx((-0.68, -0.98)[trigger], abs=0.01)
 
 
 def test_floor_and_what_the_linear_laws_leave_above_it(entry):
@@ -818,9 +753,8 @@ def test_other_formulations_find_the_same_optimum(entry):
     within_limits = certificates.search_worst < 1 + 1e-3
     assert (np.where(within_limits, certificates.search_ratio, np.inf).min(axis=1) < 1.005).all()
     assert (certificates.search_ratio[within_limits] > 1 - 2e-3).all()
-    # With the trigger on velocity every start will do. A search that says that it ended well is within the limits.
-    assert (certificates.search_success[1] == 1).all() and (certificates.search_ratio[1] < 1.001).all()
-    assert within_limits[certificates.search_success == 1].all()
+    # With the trigger on velocity every start will do.
+    assert within_limits[1].all() and (certificates.search_ratio[1] < 1.001).all()
     assert (certificates.weights_gain_error < 1e-7).all()
     assert (certificates.perturbed_cost > 0).all()
 
@@ -850,39 +784,13 @@ def test_perturbed_gains_are_worse(entry):
             assert min(rises) > 1e-7
 
 
-def test_tradeoff_of_partition_and_altitude_limit(entry):
-    tradeoff, laws = entry.tradeoff(), entry.gains()
-    np.testing.assert_allclose(tradeoff.floor**2, laws.noise_floor, rtol=1e-9)
-    assert (tradeoff.range_deviation >= tradeoff.floor[:, np.newaxis] * (1 - 1e-6)).all()
-    assert (np.abs(tradeoff.gap) < 1e-5).all()
-    assert (np.diff(tradeoff.range_deviation[0][1:]) > 0).all()  # 4, 8, 20 s: coarser is worse in the time case
-    np.testing.assert_allclose(tradeoff.range_deviation[1], tradeoff.floor[1], rtol=1e-4)  # not in the velocity case
-    # A tighter altitude limit costs range, and the printed limit on the reading's own partition costs none.
-    limited = tradeoff.limited_deviation
-    assert (np.diff(limited, axis=-1) <= 1e-3 * limited[..., 1:]).all()
-    assert (limited[..., 0] > 1.5 * limited[..., 1]).all()
-    np.testing.assert_allclose(limited[0, :, 1], tradeoff.floor, rtol=1e-3)
-    # Silent at entry with fine intervals only.
-    assert tradeoff.early_control[0, 0] < 1e-3 < 0.44 < tradeoff.early_control[0, 1]
+def test_a_tighter_altitude_limit_costs_range(entry):
+    """And the printed limit on the reading's own partition costs none."""
+    tradeoff = entry.tradeoff()
+    assert tradeoff.noise_deviation**2 == pytest.approx(entry.gains().noise_floor[0], rel=1e-9)
+    assert (np.diff(tradeoff.deviation, axis=-1) <= 1e-3 * tradeoff.deviation[:, 1:]).all()
+    assert (tradeoff.deviation[:, 0] > 1.5 * tradeoff.deviation[:, 1]).all()
+    assert tradeoff.deviation[0, 1] == pytest.approx(tradeoff.noise_deviation, rel=1e-3)
     # An altitude limit that no control can meet is a gap in the curve, not an error.
-    unreachable = entry.tradeoff(
-        altitude_limit_study=np.array([1.0, 2000.0]), partition_study=np.array([20.0]), partition_interval=10.0
-    )
-    assert np.isnan(unreachable.limited_deviation[..., 0]).all()
-    assert np.isfinite(unreachable.limited_deviation[..., 1]).all()
-
-
-def test_partition_of_the_reading_against_those_of_the_study(entry):
-    """A partition of the study solved as a reading's own."""
-    for reading, interval in (("partition_24", 10.0), ("partition_20", 12.0)):
-        inputs = entry.stage_inputs("corrected", "gains")
-        for trigger in range(2):
-            alone = solve(inputs.call(problem, entry.linearization(), trigger, interval=interval))
-            np.testing.assert_allclose(alone.cost, entry.gains(reading).cost[trigger], rtol=1e-9)
-
-
-def test_system_of_the_linear_model_is_finite_and_symmetric(entry):
-    for reading in entry.study.readings:
-        fine = system(entry.linearization(reading))
-        assert all(np.isfinite(part).all() for part in fine)
-        np.testing.assert_array_equal(fine.noise, fine.noise.swapaxes(1, 2))
+    unreachable = entry.tradeoff(altitude_limit_study=np.array([1.0, 2000.0]), partition_interval=10.0)
+    np.testing.assert_array_equal(np.isnan(unreachable.deviation), [[True, False], [True, False]])

@@ -1,7 +1,6 @@
 """The figures of the entry-guidance paper hold the right curves; nothing here looks at pixels."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry import dispersions, environment, figures, records
 from marsedl.papers.stochastic_entry.records import errors
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
 SKETCHES = ("fig01", "fig03")
@@ -70,35 +69,17 @@ def at_whole_second(nominal, name, second, substeps=20):
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 @pytest.mark.parametrize("stem", PAPER.figures)
-def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
+def test_every_figure_draws(draw, stem, reading):
     figure = draw(stem, reading)
     assert isinstance(figure, Figure)
     for axes in figure.axes:
         assert axes.get_title() or axes.lines or axes.patches
     for labelled in (Axes.get_xlabel, Axes.get_ylabel):
         assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
-    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
-
-
-def test_stems_are_those_of_the_paper_and_five_beyond():
-    paper = [stem for stem, product in PAPER.figures.items() if not product.beyond]
-    assert paper == [f"fig{number:02d}" for number in range(1, 14)]
-    assert set(PAPER.figures) - set(paper) == {"partition", "altitude_tradeoff", "error_budget", "floor", "reversals"}
+    figure.draw_without_rendering()
 
 
 # --- sketches and densities -------------------------------------------------------------------------------------------
-
-
-def test_fig01_splits_the_lift_in_its_components(draw):
-    (axes,) = draw("fig01").axes
-    ends = [np.array(text.xy) for text in axes.texts if getattr(text, "arrow_patch", None)]
-    horizontal, vertical, lift = ends
-    np.testing.assert_allclose(horizontal + vertical, lift)
-    assert horizontal[1] == vertical[0] == 0 and (lift > 0).all()  # a positive bank rolls the lift to the right
-    texts = {text.get_text() for text in axes.texts}
-    assert {"$L$", r"$L\,\cos\sigma$", r"$L\,\sin\sigma$", r"$\sigma$"} <= texts
 
 
 def test_fig03_angles_meet_at_target_and_orbit_plane(draw):
@@ -113,31 +94,13 @@ def test_fig03_angles_meet_at_target_and_orbit_plane(draw):
     assert np.nanmin(np.hypot(*(orbit - target).T)) > 0.2
 
 
-def test_fig03_projects_without_stretching_and_its_frames_are_right_handed():
-    project = figures._projection(0.3, 0.4)
-    rotation = project(np.eye(3), depth=True)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-    frame = np.array(figures._vehicle_frame(0.7, -0.2))
-    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(frame) == pytest.approx(1.0)
+def density_inputs(entry):
+    return entry.inputs("corrected", PAPER.figures["fig02"].inputs)
 
 
-def test_fig03_great_circle_has_constant_angular_steps():
-    start, _, end = figures._vehicle_frame(0.2, 0.1)
-    arc = figures._great_circle(start, end)
-    np.testing.assert_allclose(np.linalg.norm(arc, axis=1), 1.0)
-    np.testing.assert_allclose(np.einsum("ki,ki->k", arc[1:], arc[:-1]), np.cos(np.pi / 200))
-
-
-def density_inputs(entry, reading="corrected"):
-    return entry.inputs(reading, PAPER.figures["fig02"].inputs)
-
-
-@pytest.mark.parametrize("reading", ["corrected", "marsgram_table"])
-def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
-    inputs = density_inputs(entry, reading)
-    left, right = draw("fig02", reading).axes
+def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry):
+    inputs = density_inputs(entry)
+    left, right = draw("fig02").axes
     assert "surrogate" in right.get_title() and "not Mars-GRAM" in right.get_title()
     air = inputs.call(environment.atmosphere)
     in_atmosphere = (air.altitude >= 0) & (air.altitude <= 125e3)
@@ -169,12 +132,7 @@ def test_fig02_process_has_a_few_per_cent_too_much_deviation(draw):
     assert excess.min() > 0.04 and excess.max() < 0.07
 
 
-def test_fig02_and_the_flights_use_different_random_numbers():
-    flight_streams = dispersions.ENTRY_STREAM, dispersions.DENSITY_STREAM, dispersions.AERODYNAMICS_STREAM
-    assert dispersions.PROCESS_STREAM not in flight_streams
-
-
-@pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
+@pytest.mark.parametrize("case", ["stochastic_velocity"])
 def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
     (axes,) = draw("fig04").axes
     assert "surrogate" in axes.get_title() and "not Mars-GRAM" in axes.get_title()
@@ -190,12 +148,6 @@ def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
         expected = np.interp(altitude / 1e3, line.get_ydata(), line.get_xdata())
         np.testing.assert_allclose((density / mean - 1)[inside], expected[inside], atol=1e-10)
         assert inside.sum() > 200
-
-
-def test_fig04_never_shows_a_negative_density(draw, entry):
-    inputs = density_inputs(entry)
-    variation = figures.flown_variations(inputs.seed, inputs.call(environment.atmosphere), np.arange(300))
-    assert variation.min() == -1.0  # 2.6 standard deviations at the top
 
 
 # --- nominal ----------------------------------------------------------------------------------------------------------
@@ -232,16 +184,6 @@ def test_fig06_bank_rolls_through_lift_up_near_the_peak_of_pressure(draw, entry)
     # One level of zero for both axes.
     assert np.isclose(pressure.get_ylim()[0], -pressure.get_ylim()[1])
     assert axes.get_ylim() == (-100, 100)
-
-
-def test_fig07_starts_at_entry_and_ends_10_km_before_the_target(draw):
-    panels = draw("fig07").axes
-    values = [curves(axes, BLUE)[0].get_ydata() for axes in panels]
-    np.testing.assert_allclose([v[0] for v in values], [125.0, 5.8, -15.5, -653.8], atol=0.1)
-    assert values[1][-1] == pytest.approx(0.5, abs=1e-6)
-    assert values[3][-1] == pytest.approx(-10.0, abs=0.1)
-    for axes in panels:
-        assert axes.get_xlim()[1] == pytest.approx(237.7, abs=0.05)
 
 
 # --- linear covariance ------------------------------------------------------------------------------------------------
@@ -377,24 +319,6 @@ def test_fig11_bounds_are_dotted_once_trials_have_ended_and_stop_where_too_few_f
     assert "the same of those still flying" not in labels(draw("fig09"))
 
 
-@pytest.mark.parametrize("stem", ["fig05", "fig06", "fig07", "fig09", "fig10", "fig11"])
-def test_the_dotted_line_is_in_the_legend(draw, stem):
-    assert "heading alignment begins" in labels(draw(stem))
-
-
-def test_fig10_shows_the_flown_bank_angles_of_the_same_trials(draw, entry):
-    panels = draw("fig10").axes
-    for axes, (law, color) in zip(panels, LAWS, strict=True):
-        ensemble = entry.ensemble("corrected", f"{law}_time")
-        lines = curves(axes, color)
-        assert len(lines) == DRAWN
-        for line, trial in zip(lines, ensemble.kept_observed, strict=True):
-            np.testing.assert_allclose(line.get_ydata(), np.degrees(trial[:, records.BANK]))
-            assert line.get_drawstyle() == "steps-post"  # a command holds for a guidance period
-        (nominal,) = curves(axes, BLACK)
-        assert nominal.get_ydata()[0] == pytest.approx(-75.0)
-
-
 def test_fig12_markers_are_the_final_errors(draw, entry):
     panels = np.array(draw("fig12").axes).reshape(4, 2)
     projection = entry.linearization().trigger_projection
@@ -427,36 +351,6 @@ def test_printed_reading_says_that_no_stochastic_trial_is_finite(draw, stem):
 
 
 # --- beyond the paper -------------------------------------------------------------------------------------------------
-
-
-def test_partition_figure_shows_study_and_floor(draw, entry):
-    axes, early = draw("partition").axes
-    study = entry.tradeoff()
-    for number, color in ((0, VERMILION), (1, ORANGE)):
-        (line,), (control,) = ([c for c in curves(a, color) if c.get_marker() == "o"] for a in (axes, early))
-        np.testing.assert_array_equal(
-            line.get_xydata(), np.column_stack([study.interval, study.range_deviation[number]])
-        )
-        np.testing.assert_array_equal(control.get_ydata(), study.early_control[number])
-        (floor,) = curves(axes, color, ":", least=2)
-        assert floor.get_ydata()[0] == study.floor[number]
-        assert (line.get_ydata() >= floor.get_ydata()[0] * (1 - 1e-6)).all()
-    (limit,) = curves(early, BLACK, "--", least=2)
-    assert limit.get_ydata()[0] == 0.45
-
-
-def test_altitude_tradeoff_shows_every_limit_and_counts_the_infeasible(draw, entry):
-    (axes,) = draw("altitude_tradeoff").axes
-    study = entry.tradeoff()
-    for row in range(2):
-        for number, color in ((0, VERMILION), (1, ORANGE)):
-            (line,) = [c for c in curves(axes, color, "None") if (c.get_markerfacecolor() == "none") == (row == 1)]
-            np.testing.assert_array_equal(line.get_ydata(), study.limited_deviation[row, number])
-            np.testing.assert_array_equal(line.get_xdata(), [0.5, 2.0, 3.0])
-    missing = study.limited_deviation.copy()
-    missing[:, 0, 0] = np.nan
-    (axes,) = draw("altitude_tradeoff", artifacts={"tradeoff": replace(study, limited_deviation=missing)}).axes
-    assert axes.get_title() == "2 of 12 designs are infeasible"
 
 
 def test_error_budget_bars_are_shares_of_variance(draw, entry):

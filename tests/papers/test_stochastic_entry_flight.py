@@ -65,7 +65,7 @@ def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift
 # --- without dispersion -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density", "marsgram_table"])
+@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
 @pytest.mark.parametrize("case", CASES)
 def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
     nominal = entry.nominal(reading)
@@ -88,15 +88,10 @@ def test_without_dispersion_the_apollo_law_waits_for_the_largest_velocity(entry,
     np.testing.assert_allclose(trajectories.final_state[:6, 0], nominal_final(nominal), rtol=0, atol=1e-6)
 
 
-def test_the_nominal_law_does_not_need_a_design(entry):
-    trajectories = undispersed(entry, "nominal_velocity", flight_substeps=20)
-    np.testing.assert_allclose(trajectories.final_state[:6, 0], nominal_final(entry.nominal()), rtol=0, atol=1e-5)
-
-
 # --- limits and ends --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("reading", ["corrected", "printed_heading", "printed_heading_sign"])
+@pytest.mark.parametrize("reading", ["corrected", "printed_heading"])
 @pytest.mark.parametrize("case", CASES)
 def test_bank_limits(entry, case, reading):
     trajectories = entry.simulator(case, reading)(0, 500)
@@ -119,12 +114,6 @@ def test_bank_limits(entry, case, reading):
     assert (np.abs(bank[settled]) <= np.radians(45.0) + rounding).all()
     settled = flying & (np.cumsum(slow, axis=0) > 12)
     assert (np.abs(bank[settled]) <= np.radians(35.0) + rounding).all()
-
-
-def test_first_bank_is_commanded_without_a_limit(entry):
-    trajectories = entry.simulator("stochastic_time")(0, 50)
-    np.testing.assert_allclose(np.degrees(trajectories.observed[0, records.BANK]), -75.0, atol=0.1)
-    np.testing.assert_array_equal(trajectories.observed[0, records.BANK_CHANGE], 0.0)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -156,8 +145,8 @@ def test_velocity_only_falls_through_the_trigger_once(entry):
 # --- nothing depends on how it is run ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
-def test_results_do_not_depend_on_the_number_of_threads(entry, case):
+def test_results_do_not_depend_on_the_number_of_threads(entry):
+    case = "stochastic_velocity"
     before = numba.get_num_threads()
     try:
         results = []
@@ -170,7 +159,7 @@ def test_results_do_not_depend_on_the_number_of_threads(entry, case):
         assert_identical(results[0], result)
 
 
-@pytest.mark.parametrize(("case", "chunks"), [("apollo_velocity", 2), ("stochastic_time", 5)])
+@pytest.mark.parametrize(("case", "chunks"), [("apollo_velocity", 5)])
 def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
     options = {"case": case, "trials": 700, "block_size": 100}
     whole, parts = (entry.fly("corrected", entry.gains(), chunks=number, **options) for number in (1, chunks))
@@ -193,19 +182,7 @@ def test_trials_do_not_depend_on_the_size_of_blocks_nor_on_their_number(entry):
     np.testing.assert_allclose(small.mean, again.mean, rtol=1e-12, atol=1e-9)  # the order of sums
 
 
-def test_trials_do_not_depend_on_their_order(entry):
-    for case in CASES:
-        simulate = entry.simulator(case)
-        together = simulate(0, 200)
-        for first, last in ((130, 200), (37, 101), (5, 6)):  # other lanes of other groups
-            part = simulate(first, last)
-            for name in ("final_state", "observed_maximum", "outcome", "length"):
-                np.testing.assert_array_equal(getattr(part, name), getattr(together, name)[..., first:last])
-            if case.endswith("time"):  # nothing is stored behind the trigger
-                np.testing.assert_array_equal(part.history, together.history[..., first:last])
-
-
-@pytest.mark.parametrize("number", [0, 63, 64, 1999])
+@pytest.mark.parametrize("number", [63, 1999])
 def test_replay_is_the_trial_of_the_ensemble(entry, number):
     case = "apollo_velocity"
     ensemble = entry.ensemble("corrected", case)
@@ -217,11 +194,6 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in report
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
     assert "DIFFERS" in inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, other))
-
-
-def test_another_seed_gives_other_trials(entry):
-    base, other = (entry.simulator("apollo_time", seed=seed)(0, 10) for seed in (1, 2))
-    assert (base.final_state[:6] != other.final_state[:6]).all()
 
 
 def test_cases_share_their_dispersions(entry):
@@ -330,21 +302,6 @@ def test_printed_heading_alignment_leaves_kilometres_of_crossrange(entry):
     assert np.median(np.abs(mended.final_state[:, records.CROSSRANGE])) < 20.0
 
 
-def test_heading_alignment_with_only_its_sign_mended_is_bang_bang(entry):
-    nominal = entry.nominal("printed_heading_sign")
-    assert abs(nominal.crossrange[-1]) == pytest.approx(13.0, abs=1.0)
-    starts = np.flatnonzero(
-        (nominal.time >= nominal.alignment_time + 20) & np.isin(nominal.time, nominal.guidance_time)
-    )
-    bank = np.degrees(nominal.bank[starts])
-    changes = np.abs(np.diff(bank))
-    assert np.mean(changes > 9.99) > 0.95  # it never rests
-    assert np.count_nonzero(np.diff(np.sign(bank))) > 15
-    corrected = entry.nominal()
-    settled = corrected.time >= corrected.alignment_time + 50
-    assert np.degrees(np.abs(corrected.bank[settled])).max() < 3.0
-
-
 def test_printed_rate_limit_lets_the_bank_jump(entry):
     """Eq. 71: to the left at once, to the right after one second of 15 degrees."""
     nominal = entry.nominal("printed")
@@ -400,7 +357,7 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
     assert error[4][records.DOWNRANGE] < 1e-4
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
 def test_four_steps_a_second_are_enough_for_the_statistics(entry, case):
     """Against ten steps a second: single trials may turn a second apart, distributions stay."""
     four, ten = (entry.ensemble("corrected", case, flight_substeps=n).final_state for n in (4, 10))

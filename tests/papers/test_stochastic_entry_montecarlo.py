@@ -97,14 +97,6 @@ SPREAD = {  # time: stochastic h km, V m/s, gamma deg, R km, Apollo the same; 1,
     210: (0.76, 25.7, 0.38, 0.77, 0.72, 18.4, 0.39, 1.24),
     230: (0.75, 22.2, 0.59, 0.49, 0.73, 16.5, 0.43, 0.95),
 }
-LINEAR = {
-    60: (0.96, 15.9, 0.13, 1.74),
-    100: (0.52, 48.8, 0.80, 3.27),
-    145: (0.77, 35.3, 0.57, 2.36),
-    180: (0.68, 27.8, 0.31, 1.26),
-    210: (0.67, 21.5, 0.20, 0.54),
-    230: (0.67, 18.2, 0.42, 0.15),
-}
 UNITS = np.array([1e3, 1.0, np.radians(1.0), 1e3])
 DIGITS = np.array([0.006, 0.06, 0.006, 0.006])
 
@@ -134,14 +126,6 @@ def test_spread_over_time(entry, time):
         np.testing.assert_array_less(np.abs(deviation - reference), allowed)
 
 
-@pytest.mark.parametrize("time", LINEAR)
-def test_predicted_spread_over_time(entry, time):
-    covariance = entry.gains().stochastic_covariance[0][time]
-    deviation = np.sqrt(np.diagonal(covariance))[:4] / UNITS
-    # A nearly degenerate optimum: the known one was converged less.
-    np.testing.assert_array_less(np.abs(deviation - LINEAR[time]), 0.04 * np.array(LINEAR[time]) + DIGITS)
-
-
 def test_linear_model_holds_until_the_first_reversal(entry):
     """Before 70 s nothing is saturated; the aerodynamic errors, which the model lacks, do little yet."""
     ensemble = entry.ensemble("corrected", "stochastic_time")
@@ -164,36 +148,7 @@ def test_trigger_times_are_predicted_by_the_linear_model(entry):
         assert abs(ends.mean() - entry.nominal().end_time) < 0.3 * ends.std()
 
 
-def test_velocity_trigger_makes_range_and_altitude_errors_smaller_than_at_equal_time(entry):
-    for law in ("apollo", "stochastic"):
-        ensemble = entry.ensemble("corrected", f"{law}_velocity")
-        at = np.flatnonzero(ensemble.flying < TRIALS)[0] - 1  # the last output with all trials
-        before = np.sqrt(np.diagonal(ensemble.covariance[at]))[[records.DOWNRANGE, records.ALTITUDE]]
-        after = errors(ensemble)[:, [3, 0]].std(axis=0)
-        assert (after < before).all()
-
-
-def test_correlation_of_range_and_velocity_at_the_fixed_time(entry):
-    for case, reference in (("apollo_time", -0.57), ("stochastic_time", 0.03)):
-        final = errors(entry.ensemble("corrected", case))
-        correlation = np.corrcoef(final[:, 3], final[:, 1])[0, 1]
-        assert correlation == pytest.approx(reference, abs=SIGMAS * np.sqrt(1 / TRIALS + 1 / 1000))
-
-
 # --- reversals and crossrange -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_reversals_split_the_range_error(entry, case):
-    """About half of the trials fly a fourth reversal, which with the velocity trigger carries them farther."""
-    ensemble = entry.ensemble("corrected", case)
-    reversals, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, 3]
-    assert reversals.mean() == pytest.approx(3.5, abs=0.15)
-    assert set(np.unique(reversals)) <= {2.0, 3.0, 4.0, 5.0}
-    if case.endswith("velocity"):
-        three, four = (error[reversals == number] for number in (3, 4))
-        standard_error = np.hypot(three.std() / np.sqrt(len(three)), four.std() / np.sqrt(len(four)))
-        assert 10 * standard_error < four.mean() - three.mean() < 1500.0
 
 
 def test_reversals_with_another_deadband(entry):
@@ -211,27 +166,11 @@ def test_reversals_with_another_deadband(entry):
         assert group.mean() == pytest.approx(expected, abs=allowed)
 
 
-def test_crossrange_is_nulled_at_the_end_though_the_stochastic_law_disperses_it_more(entry):
-    largest = {}
-    for case in CASES:
-        ensemble = entry.ensemble("corrected", case)
-        low, high = np.percentile(ensemble.final_state[:, records.CROSSRANGE], [1, 99])
-        if case != "stochastic_time":  # which has a tail up to some 0.9 km
-            assert -40.0 < low < high < 40.0
-        assert np.median(np.abs(ensemble.final_state[:, records.CROSSRANGE])) < 15.0
-        sigma = np.sqrt(ensemble.covariance[:146, records.CROSSRANGE, records.CROSSRANGE])
-        largest[case] = sigma[105:125].max()
-    assert largest["apollo_time"] == pytest.approx(1.8e3, rel=0.12)
-    assert largest["stochastic_time"] == pytest.approx(2.5e3, rel=0.12)
-
-
 def test_hypotheses_move_the_percentiles_as_known(entry):
     """1,000 trials of another program; its percentiles have standard errors up to 0.3 km."""
     reference = {
         ("velocity_adjoint", "apollo_time"): (-5.14, 6.07),
         ("density_blind", "apollo_velocity"): (-2.79, 4.39),
-        ("drag_form", "apollo_time"): (-1.93, 1.98),
-        ("density_blind_velocity_adjoint", "apollo_time"): (-5.76, 6.52),
         ("printed_aero", "apollo_time"): (-25.0, 2.4),
     }
     for (reading, case), expected in reference.items():
@@ -254,13 +193,11 @@ def test_error_budget_flies_every_source_alone_and_all_together(entry):
     assert budget.trials == inputs.source_trials == 300
     assert list(budget.source) == list(error_budget.SOURCES) and budget.missed.sum() == 0
     assert budget.deviation.shape == (3, 2, len(error_budget.SOURCES))
-    assert (budget.largest >= np.abs(budget.mean)).all()
     # All sources together are the trials of the ensembles.
     for row, law in enumerate(("apollo", "stochastic")):
         for column, trigger in enumerate(TRIGGERS):
             error = errors(entry.ensemble("corrected", f"{law}_{trigger}"), 300)[:, 3]
             assert budget.deviation[row, column, source("all")] == pytest.approx(error.std(ddof=1), rel=1e-12)
-            assert budget.mean[row, column, source("all")] == pytest.approx(error.mean(), rel=1e-9)
 
 
 def test_sources_add_up(entry):

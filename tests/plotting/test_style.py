@@ -2,6 +2,7 @@
 
 import time
 
+import matplotlib as mpl
 import pytest
 
 from marsedl.plotting.style import new_figure, save_figure
@@ -25,6 +26,17 @@ def test_the_same_figure_is_the_same_bytes_at_another_time(tmp_path, monkeypatch
     save_figure(example_figure(2.0), other)
     assert first.read_bytes() == second.read_bytes()
     assert first.read_bytes() != other.read_bytes()
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf"])
+def test_a_matplotlibrc_of_the_user_changes_no_byte(tmp_path, ending):
+    settings = tmp_path / "matplotlibrc"
+    settings.write_text("font.family: serif\naxes.facecolor: lightyellow\ntext.usetex: True\nlines.linestyle: --\n")
+    paths = [tmp_path / f"{name}.{ending}" for name in ("plain", "with")]
+    save_figure(example_figure(), paths[0])
+    with mpl.rc_context(fname=settings):
+        save_figure(example_figure(), paths[1])
+    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_both_files_of_a_figure_are_written_into_new_folders(tmp_path):

@@ -61,16 +61,6 @@ claims:
 """
 
 
-def test_the_printed_claims_of_powered_descent_load():
-    claims = load_published(PUBLISHED / "powered_descent.yaml")
-    assert len(claims) == 31
-    assert {c.paper for c in claims} == {"powered_descent"}
-    by_id = {c.id: c for c in claims}
-    assert by_id["alpha_from_isp"].printed == 4.85e-4
-    assert by_id["mc_final_mean"].trials == 2000
-    assert [c.kind for c in claims].count("qualitative") == 22
-
-
 def test_every_published_file_loads():
     for path in sorted(PUBLISHED.glob("*.yaml")):
         assert load_published(path)
@@ -99,19 +89,11 @@ def test_all_shapes_of_printed_values_load(tmp_path):
         ("kind: monte_carlo", "kind: montecarlo", ["mass", "'kind'", "'monte_carlo'"]),
         ("kind: monte_carlo", "kind: qualitative", ["mass", "'printed'", "true or false"]),
         ("    trials: 2000\n", "", ["mass", "'trials'", "missing"]),
-        ("trials: 2000", "trials: 2.5", ["mass", "'trials'", "2.5"]),
         ("trials: 2000", "trials: true", ["mass", "'trials'"]),
-        ("    resolution: 1\n", "", ["mass", "'resolution'", "missing"]),
         ("resolution: 1", "resolution: 0", ["mass", "'resolution'", "positive"]),
-        ("resolution: 1", "resolution: 1e-6", ["mass", "'resolution'", "1.0e-6"]),
         ("resolution: 1", "resolution: [1, 1]", ["mass", "'resolution'", "shape"]),
         ("printed: 1349", "printed: many", ["mass", "'printed'", "many"]),
-        ("printed: 1349", "printed: true", ["mass", "'printed'", "True"]),
         ("printed: 1349", "printed: .nan", ["mass", "'printed'", "finite"]),
-        ("printed: 1349", "printed: .inf", ["mass", "'printed'", "finite"]),
-        ("printed: 1349", "printed: {a: 1}", ["mass", "'printed'"]),
-        ("    printed: 1349\n", "", ["mass", "'printed'", "missing"]),
-        ("unit: kg", "unit: 1", ["mass", "'unit'", "text"]),
         ("id: mass", "id: a mass", ["a mass", "'id'"]),
         ("unit: kg", "unit: kg\n    unit: g", ["unit", "twice"]),
         ("claims:", "claim:", ["claims"]),
@@ -124,16 +106,6 @@ def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, word
         load(tmp_path, ENTRY.replace(old, new, 1))
     for word in ["paper.yaml", *words]:
         assert word in str(error.value)
-
-
-def test_a_repeated_id_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"paper.yaml:12: claim mass: key 'id'"):
-        load(tmp_path, ENTRY + ENTRY.replace("claims:\n", ""))
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"none.yaml"):
-        load_published(tmp_path / "none.yaml")
 
 
 BENCHMARKS = """paper,quantity,value,unit,target,met
@@ -155,31 +127,17 @@ def test_the_measured_rows_of_one_paper_load(tmp_path):
     assert measured(tmp_path, BENCHMARKS, "a third") == {}
 
 
-def test_the_committed_benchmarks_load():
-    rows = load_measured(DATA / "reference" / "benchmarks.csv", "powered_descent")
-    assert rows["the same in the paper"] == 691
-    assert len(rows) > 10
-
-
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("paper,", "slug,"),
         ("quantity,", "what,"),
-        ("value,", "number,"),
         ("0.25", "fast"),
-        ("0.25", ""),
         (",0.25,s,< 1,yes", ""),
     ],
 )
 def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
     with pytest.raises(InputError, match=r"benchmarks\.csv.*make bench"):
         measured(tmp_path, BENCHMARKS.replace(old, new, 1))
-
-
-def test_benchmarks_that_are_missing_are_refused_by_file(tmp_path):
-    with pytest.raises(InputError, match=r"none\.csv.*make bench"):
-        load_measured(tmp_path / "none.csv", "one")
 
 
 # ---------------------------------------------------------------------------------------------------- verdict rules
@@ -244,6 +202,15 @@ def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
     )
     assert settled.verdict == "differs"
     assert number < 20_000
+
+
+def test_a_number_without_a_standard_error_decides_nothing():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    judged = judge(printed, Evaluation(1349.0, math.nan, 7))
+    assert (judged.verdict, judged.margin) == ("undetermined", None)
+    assert judged.doubt == "so few trials give no standard error"
+    both = replace(printed, printed=[1349, 1349])
+    assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
 
 
 def test_without_sampling_error_the_rule_is_the_deterministic_one():
@@ -380,7 +347,7 @@ def test_a_value_that_is_not_finite_never_reproduces():
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, [0.1], 10), "shape"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.nan, 10), "finite"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.inf, 10), "finite"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
     ],
 )
@@ -488,12 +455,6 @@ def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
     assert at_equal_trials(0.2, "standard errors") is None
 
 
-def test_another_default_reading_can_be_chosen():
-    rows = collect(CLAIMS, DECLARED, readings(), default_reading="printed")
-    assert rows[0]["verdict"] == "differs"
-    assert next(iter(rows[0]["readings"])) == "printed"
-
-
 def test_a_reason_names_what_it_rests_on_only_once():
     declared = {
         "mass": Declaration("E17 rounds, the guess for the mass is free.", ("E17", "E5"), withheld=("the step size",))
@@ -544,13 +505,6 @@ def test_a_close_verdict_says_why_its_tolerance_is_right():
     assert row["close"] == {"relative": 0.02, "absolute": None, "reason": "The step is not stated."}
 
 
-def test_a_close_verdict_names_a_tolerance_of_every_entry():
-    declared = {"state": Declaration(close=Close("the step is not stated", absolute=(0.5, 0.25)))}
-    evaluations = {"corrected": {"state": Evaluation([1.2, 2.2])}}
-    (row,) = collect([claim(id="state", printed=[1.0, 2.0], resolution=0.01)], declared, evaluations)
-    assert row["reason"] == "Within the tolerance stated beforehand (0.5, 0.25 kg): the step is not stated."
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -585,12 +539,6 @@ def test_mistakes_of_a_paper_are_named(change, words):
         assert word in str(error.value)
 
 
-def test_the_declared_tolerance_is_never_changed_by_the_result():
-    close = Close("why", relative=0.01)
-    with pytest.raises(AttributeError):
-        close.relative = 1.0
-
-
 # ---------------------------------------------------------------------------------------------------- files and tables
 
 
@@ -617,15 +565,6 @@ def test_json_is_deterministic_complete_and_without_nan(tmp_path):
     assert by_id["mean"]["readings"]["printed"]["value"] == [None, 1 / 3]  # no digit is lost
     assert by_id["weights"]["printed"] == [0, "inf"]
     assert by_id["weights"]["verdict"] == "as_stated"
-
-
-def test_papers_are_sorted_and_claims_keep_their_order(tmp_path):
-    def of(paper):
-        return [{**row, "paper": paper} for row in collected()]
-
-    write_claims([*of("b"), *of("a")], tmp_path / "claims.json")
-    back = read_claims(tmp_path / "claims.json")
-    assert [(row["paper"], row["id"]) for row in back] == [(p, c.id) for p in "ab" for c in CLAIMS]
 
 
 def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
@@ -741,16 +680,11 @@ def damaged(row, *path, by=None):
     ("spoil", "problem"),
     [
         (lambda row: "", "is not JSON"),
-        (lambda row: "[" * 100_000, "is not JSON"),
         (lambda row: {}, "is not a list of claims"),
-        (lambda row: ["mass"], "claim 1: is not a set of keys with values"),
         (lambda row: [row, damaged(row, "paper")], "claim 2: the key 'paper' is missing or is not text"),
         (lambda row: [damaged(row, "verdict", by=["holds"])], "claim 1: the key 'verdict' is missing or is not text"),
         (lambda row: [damaged(row, "printed")], "claim 1: the key 'printed' is missing"),
-        (lambda row: [damaged(row, "readings", by=[])], "claim 1: the key 'readings' is missing or holds no readings"),
-        (lambda row: [damaged(row, "readings", "printed", by=1)], "claim 1: readings.printed is not a set of keys"),
         (lambda row: [damaged(row, "readings", "printed", "value")], "'readings.printed.value' is missing"),
-        (lambda row: [damaged(row, "readings", "printed", "verdict", by=1)], "readings.printed.verdict is not text"),
     ],
 )  # fmt: skip
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path, spoil, problem):

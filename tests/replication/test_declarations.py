@@ -155,11 +155,6 @@ def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs
     assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
 
 
-def test_settings_of_the_decorator_are_kept(read):
-    stage = read().stages["curvature"]
-    assert (stage.claimed_in, stage.priority, stage.needs) == (("corrected",), 3, ("nominal",))
-
-
 def test_a_whole_case_is_its_chunk_gathered(read):
     stages = read().stages
     assert next(iter(stages)) == "nominal"
@@ -184,13 +179,6 @@ def test_an_unknown_parameter_names_the_nearest(read):
 def test_a_function_that_is_not_written_is_named(read):
     with pytest.raises(InputError, match="figures:fig01: there is no such function"):
         read(figures="")
-
-
-def test_two_stages_in_a_circle_are_named(read):
-    circle = "from marsedl.replication.catalogue import stage\n"
-    circle += "".join(f'@stage()\ndef {a}({b}):\n    """Turn."""\n' for a, b in (("one", "two"), ("two", "one")))
-    with pytest.raises(InputError, match=r"toy: stages depend on each other in a circle: (one -> two|two -> one)"):
-        read(circle=circle)
 
 
 def test_what_is_not_read_is_not_given():

@@ -9,7 +9,7 @@ import pytest
 
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Flown, Paper, Product, Stage
-from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.errors import ArtifactError
 from marsedl.replication.graph import Memory, Run
 from marsedl.replication.sections import Number, Section, given
 
@@ -166,17 +166,3 @@ def test_an_input_that_a_stage_was_not_given_is_an_error(run, monkeypatch):
     monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", heavy)
     with pytest.raises(AttributeError, match=r"'mass' was not given: .* reads as 'vehicle\.mass'"):
         run().record("nominal")
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("nominl", "did you mean 'nominal'"),
-        ("montecarlo", "did you mean"),
-        ("montecarlo.calm", "has no trials"),
-        ("nominal.windy", "no artifact"),
-    ],
-)
-def test_an_artifact_that_does_not_exist_is_refused_by_name(run, name, message):
-    with pytest.raises(InputError, match=message):
-        run().record(name)

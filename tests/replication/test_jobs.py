@@ -82,10 +82,10 @@ def test_the_numeric_environment_is_pinned_for_children():
     code += (
         f"jobs.pin_numerics(Path({str(SOURCE.parent)!r})); jobs.assert_numerics(); assert 'numpy' not in sys.modules\n"
     )
-    code += "assert 'NUMBA_CPU_NAME' not in os.environ, 'whatever a shell says'\n"
+    code += "assert not {'NUMBA_CPU_NAME', 'NUMBA_DISABLE_JIT', 'GLIBC_TUNABLES'} & {*os.environ}\n"
     code += "print(os.environ['OPENBLAS_CORETYPE'], os.environ['OMP_NUM_THREADS'], os.environ['NUMBA_CACHE_DIR'])"
     clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
-    clean["NUMBA_CPU_NAME"] = "generic"
+    clean |= {"NUMBA_CPU_NAME": "generic", "NUMBA_DISABLE_JIT": "1", "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2"}
     process = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
     core, threads, cache = process.stdout.split()
     assert (core, threads) == ("Haswell", "1")
@@ -98,6 +98,20 @@ def test_an_unpinned_environment_is_refused(pinned, monkeypatch):
     monkeypatch.delenv("PYTHONHASHSEED")
     with pytest.raises(MarsedlError, match=r"OMP_NUM_THREADS, PYTHONHASHSEED.*start jobs through snakemake"):
         jobs.assert_numerics()
+
+
+def test_a_processor_without_avx2_is_refused_before_anything_runs(monkeypatch, tmp_path):
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: {"sse4.2": True, "avx": True})
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    with pytest.raises(MarsedlError, match="has no AVX2 and FMA"):
+        jobs.pin_numerics(tmp_path)
+
+
+def test_settings_of_numba_in_the_folder_are_refused(monkeypatch, tmp_path):
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MarsedlError, match=r"/\.numba_config\.yaml: numba would read it in every job; move it away"):
+        jobs.pin_numerics(tmp_path)
 
 
 # ------------------------------------------------------------------------------------------------- inputs and artifacts

@@ -23,7 +23,7 @@ USED = {
 # Which stages solve a cone program, and so depend on the version of its solver, which no code imports.
 CONE_PROGRAMS = {
     *("powered_descent/certificates", "random_field/gains", "random_field/certificates", "random_field/convergence"),
-    *("random_field/regularization", "random_field/double_integrator", "random_field/field_study"),
+    "random_field/double_integrator",
     *("funnels/stage_study", "funnels/coarse_funnels", "funnels/dubins_study", "stochastic_entry/certificates"),
 }
 NO_SCIPY = {

@@ -64,11 +64,6 @@ def test_a_claim_is_about_the_figures_that_its_place_names(where, stems):
     assert {stem for stem in names if assembly.is_about(where, stem)} == stems
 
 
-def test_a_paper_without_solvers_has_no_rows(tmp_path):
-    assert assembly.solver_rows({}) == []
-    assert assembly.provenance_rows({}, {}, "–") == []
-
-
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
     path = saved(
         tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], **{"ensemble.seed": 7}
@@ -109,12 +104,6 @@ def test_run_times_are_those_of_the_papers_asked_for():
     assert assembly.run_times([], ["a"]) == []
 
 
-def test_run_times_have_notes_where_there_are_any():
-    table = [["paper", "quantity", "met", "note"], ["a", "speed", "no", "Of a target."], ["b", "speed", "yes", ""]]
-    assert assembly.run_times(table, ["a"]) == [["quantity", "met", "note"], ["speed", "no", "Of a target."]]
-    assert assembly.run_times(table, ["b"]) == [["quantity", "met"], ["speed", "yes"]]
-
-
 MACHINES = [
     ["machine", "setting", "paper", "artifact", "numbers", "beyond", "margin", "worst"],
     ["sse", "X=1", "a", "verdicts", "10", "0", "", ""],
@@ -145,11 +134,6 @@ def test_the_worst_margin_of_every_artifact_stands_beside_those_of_other_machine
     ]
 
 
-def test_without_measurements_nothing_is_said_of_other_machines():
-    assert assembly.machine_rows([]) == []
-    assert assembly.margin_rows([]) == []
-
-
 @pytest.mark.parametrize(
     ("values", "axis", "expected"),
     [
@@ -165,11 +149,6 @@ def test_plots_hold_what_a_screen_shows(values, axis, expected):
     rounded = closeups.rounded(np.array(values), axis)
     assert rounded == expected
     assert "-0.0" not in json.dumps(rounded)
-
-
-def test_a_plot_whose_artifacts_are_not_built_is_left_out():
-    assert assembly.closeups(catalogue("powered_descent"), {}) == []
-    assert assembly.closeups(catalogue("desensitized"), {}) == []
 
 
 def test_a_plot_of_a_damaged_artifact_is_refused_by_name(tmp_path):

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,47 +12,16 @@ import yaml
 
 from marsedl.replication.errors import InputError
 from marsedl.replication.scaffold import new_paper, next_steps
-from marsedl.replication.sizes import build_folder
-from marsedl.replication.verification import copy_tree, snakemake
+from marsedl.replication.verification import copy_tree
 
 ROOT = Path(__file__).parents[2]
-SLUG, SMALL = "hypersonic_glide", "short_hop"  # with Monte Carlo and without
-TITLE = (
-    "A Study of Gliding & Steering, Which Has {Braces}, a Title That is Far Too Long for One Line, and What Not: Part 2"
-)
-AUTHORS = "A. O'Author and B. Müller"
+SLUG, SMALL = "hypersonic_glide", "short_hop"  # with Monte Carlo and without, as the small project has them
+TITLE, AUTHORS = "A Title", "A. O'Author and B. Müller"
 
 
 @pytest.fixture
 def tree(tmp_path):
     return copy_tree(ROOT, tmp_path / "project")
-
-
-@pytest.fixture(scope="module")
-def scaffolded(tmp_path_factory):
-    """A copy of the tree with two new papers, and the files that were written."""
-    tree = copy_tree(ROOT, tmp_path_factory.mktemp("scaffold") / "project")
-    contract = Path("tests") / "replication" / "test_catalogue.py"
-    (tree / contract).parent.mkdir(parents=True)
-    for path in (Path("pyproject.toml"), contract):
-        (tree / path).write_bytes((ROOT / path).read_bytes())
-    return tree, write_papers(tree)
-
-
-def write_papers(tree):
-    """Both papers, and the files that they are."""
-    return [*new_paper(tree, SMALL, TITLE, AUTHORS, monte_carlo=False), *new_paper(tree, SLUG, TITLE, AUTHORS)]
-
-
-@pytest.fixture(scope="module")
-def sapling(scaffolded):
-    """Built as the command says."""
-    tree, _ = scaffolded
-    for slug in (SLUG, SMALL):
-        (command,) = re.findall(r"(?m)^build it: +snakemake (.*)$", next_steps(slug))
-        process = snakemake(tree, *command.split(), "--cores", "2")
-        assert process.returncode == 0, process.stdout[-3000:]
-    return tree
 
 
 def run(tree, *command):
@@ -68,103 +36,67 @@ def content(tree):
     return {path: path.read_bytes() for path in tree.rglob("*") if path.is_file()}
 
 
-def products_of(tree, slug):
-    """The one claim of a new paper, and the names of its figures and tables."""
-    build = build_folder(tree, "smoke")
-    (row,) = json.loads((build / "report" / "claims" / f"{slug}.json").read_text("utf-8"))
-    return row, {path.name for path in (build / "figures" / slug).iterdir()}
-
-
-def passes_its_tests_and_the_contract(tree, *slugs):
-    process = run(tree, "pytest", "tests", "-k", " or ".join((*slugs, "rules")), "-vv", "-p", "no:cacheprovider")
-    assert process.returncode == 0, process.stdout[-3000:]
-    for slug in slugs:
-        tests_of_paper, contract = f"tests/papers/test_{slug}.py", "tests/replication/test_catalogue.py"
-        assert f"{tests_of_paper}::test_every_claim_has_the_verdict_that_is_expected PASSED" in process.stdout
-        assert (
-            f"{contract}::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in process.stdout
-        )
-    assert "::test_rules_are_found PASSED" in process.stdout
+@pytest.mark.workflow
+def test_the_workflow_builds_them_and_their_claims_have_verdicts(small):
+    for slug, table in ((SLUG, "touchdown"), (SMALL, "descent")):
+        assert f"build it:      snakemake {slug} --config size=smoke" in next_steps(slug)
+        (row,) = json.loads(small.path(f"report/claims/{slug}.json").read_text("utf-8"))
+        assert row["verdict"] == "reproduced"
+        assert set(row["readings"]) == {"corrected", "printed"}
+        names = {path.name for path in small.path(f"figures/{slug}").iterdir()}
+        assert names == {"fig01.png", "fig01.pdf", f"{table}.csv", f"{table}.md", "claims.csv", "claims.md"}
 
 
 @pytest.mark.workflow
-@pytest.mark.parametrize(("slug", "table"), [(SLUG, "touchdown"), (SMALL, "descent")])
-def test_the_workflow_builds_it_and_its_claim_has_a_verdict(sapling, slug, table):
-    row, names = products_of(sapling, slug)
-    assert row["verdict"] == "reproduced"
-    assert set(row["readings"]) == {"corrected", "printed"}
-    assert names == {"fig01.png", "fig01.pdf", f"{table}.csv", f"{table}.md", "claims.csv", "claims.md"}
-
-
-@pytest.mark.workflow
-def test_the_command_that_builds_it_touches_no_other_paper(sapling):
-    for folder in ("data/cache", "figures", "report/claims", "logs"):
-        assert {path.stem for path in (build_folder(sapling, "smoke") / folder).iterdir()} == {SLUG, SMALL}
-
-
-@pytest.mark.workflow
-def test_they_pass_their_own_tests_and_the_contract_of_all_papers(sapling):
-    passes_its_tests_and_the_contract(sapling, SLUG, SMALL)
-
-
-@pytest.mark.workflow
-def test_a_paper_needs_no_figures(scaffolded, tmp_path):
+def test_their_own_tests_and_the_contract_of_all_papers_pass_also_without_figures(small):
     def edit(name, old, new):
-        text, edits = re.subn(old, new, (tree / name).read_text("utf-8"))
+        text, edits = re.subn(old, new, small.path(name).read_text("utf-8"))
         assert edits == 1
-        (tree / name).write_text(text, "utf-8")
+        small.path(name).write_text(text, "utf-8")
 
-    tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=shutil.ignore_patterns("build", ".cache"))
+    contract = Path("tests/replication/test_catalogue.py")
+    for path in (Path("pyproject.toml"), contract):
+        small.path(str(path)).parent.mkdir(parents=True, exist_ok=True)
+        small.path(str(path)).write_bytes((ROOT / path).read_bytes())
     edit(f"src/marsedl/papers/{SMALL}/texts.yaml", r"(?s)figures:\n.*?\n\n", "figures:\n\n")
     edit(f"tests/papers/test_{SMALL}.py", r".* import figures\n", "")
     edit(f"tests/papers/test_{SMALL}.py", r" +assert figures\..*\n", "")
-    (tree / f"src/marsedl/papers/{SMALL}/figures.py").unlink()
-    process = snakemake(tree, SMALL, "--cores", "1", "--config", "size=smoke")
+    small.path(f"src/marsedl/papers/{SMALL}/figures.py").unlink()
+    assert small.plan(SMALL).files.isdisjoint({f"figures/{SMALL}/fig01.png"})
+    selected = ["-k", f"{SLUG} or {SMALL}", "-vv", "-p", "no:cacheprovider", "-o", "addopts=--import-mode=importlib"]
+    process = run(small.folder, "pytest", "tests", *selected)
     assert process.returncode == 0, process.stdout[-3000:]
-    assert products_of(tree, SMALL)[1] == {"descent.csv", "descent.md", "claims.csv", "claims.md"}
-    passes_its_tests_and_the_contract(tree, SMALL)
+    for slug in (SLUG, SMALL):
+        own = f"tests/papers/test_{slug}.py::test_every_claim_has_the_verdict_that_is_expected"
+        assert f"{own} PASSED" in process.stdout
+        assert f"::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in process.stdout
 
 
 @pytest.mark.workflow
-def test_its_trial_is_flown_again_to_the_last_bit(sapling):
-    process = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7", "--size", "smoke")
+def test_its_trial_is_flown_again_to_the_last_bit(small):
+    process = small.marsedl("trial", SLUG, "corrected", "7", "--size", "smoke")
     assert process.returncode == 0, process.stderr
     assert "the same to the last bit" in process.stdout
 
 
 @pytest.mark.workflow
-@pytest.mark.parametrize("slug", [SLUG, SMALL])
-def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling, slug):
-    facts = yaml.safe_load((sapling / "tests" / "workflow" / "facts" / f"{slug}.yaml").read_text("utf-8"))["physics"]
-    path = sapling / "src" / "marsedl" / facts["file"]
-    text = path.read_text("utf-8")
-    assert text.count(facts["old"]) == 1
-    path.write_text(text.replace(facts["old"], facts["new"]), "utf-8")
-    try:
-        target = f"report/claims/{slug}.json"
-        process = snakemake(sapling, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
-    finally:
-        path.write_text(text, "utf-8")
-    stages = set(re.findall(rf"(?m)^rule {slug}_(\w+):", process.stdout)) - {"claims"}
-    assert stages == set(facts["rerun"])
+def test_an_edit_of_its_equations_reruns_what_its_facts_say(small):
+    targets = []
+    for slug in (SLUG, SMALL):
+        facts = yaml.safe_load(small.path(f"tests/workflow/facts/{slug}.yaml").read_text("utf-8"))["physics"]
+        small.edit(f"src/marsedl/{facts['file']}", facts["old"], facts["new"])
+        targets += [(slug, stage) for stage in facts["rerun"]]
+    plan = small.plan(*(f"report/claims/{slug}.json" for slug in (SLUG, SMALL)))
+    made = {tuple(re.fullmatch(rf"({SLUG}|{SMALL})_(\w+)", rule).groups()) for rule in plan.outputs}
+    assert {one for one in made if one[1] != "claims"} == set(targets)
 
 
-@pytest.mark.workflow
-def test_the_audit_finds_nothing_amiss_with_it(sapling):
-    (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
-    # The audit asks for verdicts of the full size.
-    shutil.copytree(build_folder(sapling, "smoke") / "report" / "claims", sapling / "report" / "claims")
-    lines = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
-    assert any(f"{SMALL} 1, {SLUG} 1" in line for line in lines if "printed claims" in line), lines
-    findings = [line for line in lines if re.match(r"  [^ \d]", line) and "is committed" not in line]
-    assert not [line for line in findings if SLUG in line or SMALL in line]
-
-
-def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
-    tree, files = scaffolded
+def test_it_keeps_to_the_style_and_is_written_where_papers_are(tree):
+    files = [*new_paper(tree, SMALL, TITLE, AUTHORS, monte_carlo=False), *new_paper(tree, SLUG, TITLE, AUTHORS)]
     assert all(path.is_file() for path in files)
     python = [str(path) for path in files if path.suffix == ".py"]
     assert len(python) > 20
+    (tree / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
         process = run(tree, "ruff", *command, *python)
         assert process.returncode == 0, process.stdout
@@ -174,88 +106,50 @@ def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
         assert "{{" not in text
         assert "__slug__" not in text
         assert text.endswith("\n") and not text.endswith("\n\n")
+    for name in re.findall(r"(?<= )[\w/]+\.(?:py|md)", next_steps(SLUG)):
+        assert (tree / name).exists() or (ROOT / name).exists(), name
 
 
-def test_it_and_its_claim_are_explained_before_anything_is_built(tree):
-    new_paper(tree, SLUG, TITLE, AUTHORS)
-    process = run(tree, "marsedl.cli", "explain", SLUG)
-    assert process.stdout.startswith(f"{SLUG}: {TITLE}\n"), process.stderr
+def test_it_is_registered_behind_the_other_papers_and_explained_before_anything_is_built(tree):
+    for slug in ("first_of_the_further_papers", SLUG):
+        new_paper(tree, slug, TITLE, AUTHORS)
+    register = (tree / "src" / "marsedl" / "papers" / "__init__.py").read_text("utf-8")
+    assert max(map(len, register.splitlines())) <= 120
+    process = run(tree, "marsedl.cli", "list")
+    assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-2:] == ["first_of_the_further_papers", SLUG]
     (claim,) = yaml.safe_load((tree / "data" / "published" / f"{SLUG}.yaml").read_text("utf-8"))["claims"]
     process = run(tree, "marsedl.cli", "explain", SLUG, claim["id"])
     assert process.stdout.endswith("\n  no verdict yet: run 'snakemake claims'\n"), process.stderr
 
 
-def test_it_is_registered_behind_the_other_papers(scaffolded):
-    tree, _ = scaffolded
-    process = run(tree, "marsedl.cli", "list")
-    assert process.returncode == 0, process.stderr
-    assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-1] == SLUG
-    assert f"  {TITLE}\n  {AUTHORS}\n" in process.stdout
-    for name in re.findall(r"(?<= )[\w/]+\.(?:py|md)", next_steps(SLUG)):
-        assert (tree / name).exists() or (ROOT / name).exists(), name
+REFUSED = [
+    ("funnels", "there is a paper 'funnels' already"),
+    ("Glide", "at most 40 lower case letters"),
+    ("glide-2", "at most 40 lower case letters"),
+    ("glide__path", "at most 40 lower case letters"),
+    ("../glide", "at most 40 lower case letters"),
+    ("class", "at most 40 lower case letters"),
+    ("g" * 41, "at most 40 lower case letters"),
+    ("", "at most 40 lower case letters"),
+    ("powered", "would be taken for 'powered_descent'"),
+    ("funnels_again", "would be taken for 'funnels'"),
+    ("claims", "is the name of a rule or module"),
+    ("figure", "is the name of a rule or module"),
+    ("density", "is the name of a rule or module"),
+    ("common", "is the name of a rule or module"),
+]
+TEXTS = [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")]
 
 
-def test_the_same_request_writes_the_same_bytes(tree, scaffolded):
-    other, files = scaffolded
-    for mine, theirs in zip(write_papers(tree), files, strict=True):
-        assert mine.relative_to(tree) == theirs.relative_to(other)
-        assert mine.read_bytes() == theirs.read_bytes()
-
-
-def test_many_papers_fit_into_the_register(tree):
-    for slug in ("first_of_the_further_papers", "second_of_the_further_papers"):
-        new_paper(tree, slug, TITLE, AUTHORS)
-    register = (tree / "src" / "marsedl" / "papers" / "__init__.py").read_text("utf-8")
-    assert max(map(len, register.splitlines())) <= 120
-    process = run(tree, "marsedl.cli", "list")
-    assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-2:] == [
-        "first_of_the_further_papers",
-        "second_of_the_further_papers",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("slug", "message"),
-    [
-        ("funnels", "there is a paper 'funnels' already"),
-        ("Glide", "at most 40 lower case letters"),
-        ("glide-2", "at most 40 lower case letters"),
-        ("glide__path", "at most 40 lower case letters"),
-        ("../glide", "at most 40 lower case letters"),
-        ("class", "at most 40 lower case letters"),
-        ("g" * 41, "at most 40 lower case letters"),
-        ("", "at most 40 lower case letters"),
-        ("powered", "would be taken for 'powered_descent'"),
-        ("funnels_again", "would be taken for 'funnels'"),
-        ("claims", "is the name of a rule or module"),
-        ("figure", "is the name of a rule or module"),
-        ("density", "is the name of a rule or module"),
-        ("common", "is the name of a rule or module"),
-    ],
-)
-def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tree, slug, message):
-    before = content(tree)
-    with pytest.raises(InputError, match=re.escape(message)):
-        new_paper(tree, slug, TITLE, AUTHORS)
-    assert content(tree) == before
-
-
-@pytest.mark.parametrize(
-    ("title", "authors", "message"),
-    [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")],
-)
-def test_a_text_that_cannot_serve_is_refused_and_nothing_is_written(tree, title, authors, message):
-    before = content(tree)
-    with pytest.raises(InputError, match=message):
-        new_paper(tree, SLUG, title, authors)
-    assert content(tree) == before
-
-
-def test_no_file_is_overwritten(tree):
+def test_what_cannot_serve_is_refused_and_nothing_is_written_or_overwritten(tree):
     (tree / "configs" / f"{SLUG}.yaml").write_text("mine")
     before = content(tree)
-    with pytest.raises(InputError, match=rf"configs/{SLUG}\.yaml exists already"):
-        new_paper(tree, SLUG, TITLE, AUTHORS)
+    cases = [(slug, TITLE, AUTHORS, message) for slug, message in REFUSED]
+    cases += [(SMALL, *texts) for texts in TEXTS]
+    cases += [(SLUG, TITLE, AUTHORS, f"configs/{SLUG}.yaml exists already")]
+    for slug, title, authors, message in cases:
+        with pytest.raises(InputError, match=re.escape(message)):
+            new_paper(tree, slug, title, authors)
     assert content(tree) == before
 
 

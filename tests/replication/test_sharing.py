@@ -95,13 +95,6 @@ def test_readings_of_other_numbers_of_trials_share_no_flights():
     assert whose.has("mine", "montecarlo.windy")
 
 
-def test_what_a_paper_does_not_have_is_no_artifact():
-    whose = shared()
-    assert whose.has("mine", "gains")
-    for reading, name in (("none", "gains"), ("mine", "gain"), ("mine", "gains.calm"), ("mine", "montecarlo")):
-        assert not whose.has(reading, name)
-
-
 def test_claims_use_the_studies_of_their_readings_and_the_cases_that_are_flown():
     whose = shared(printed={"ensemble__more_trials": 5})
     assert whose.readings == ("printed", "corrected")

@@ -94,13 +94,6 @@ def test_readers_see_printed_digits_errors_beside_values_and_what_failed(tmp_pat
     assert "| held |  | True or False |  |" in text
 
 
-def test_bounds_stand_beside_their_value_and_one_row_stands_upright():
-    columns = {"share": Column("%", ".1f", interval=("lower", "upper")), "lower": Column("%"), "upper": Column("%")}
-    data = table([(1.0, 0.5, 1.75), (2.0, None, None)], columns)
-    assert printed_cells(data) == [["share (%)"], ["1.0 (0.5 to 1.8)"], ["2.0"]]
-    assert printed_cells(data[:1]) == [["quantity", "value"], ["share (%)", "1.0 (0.5 to 1.8)"]]
-
-
 def test_types_follow_from_what_a_column_is_and_not_from_its_values():
     columns = {"mass": Column("kg"), "ratio": Column("", ".2f"), "share": Column("%"), "trials": Column()}
     for rows in ([(1, 2, 3, 4)], [(1.5, 2.5, 3.5, 4)], [(None, 2, 3, 4)]):
@@ -224,3 +217,11 @@ def test_claims_are_a_long_table():
     ]
     assert rows[8][4:7] == (math.inf, None, math.inf)
     assert [row[4:7] for row in rows[9:]] == [(None, None, 5.0), (1.0, None, 5.0)]
+
+
+def test_a_pandas_that_misreads_numbers_is_told_from_a_table_of_mixed_types(monkeypatch):
+    read, data = pd.read_csv, table({"mass": [0.1, 0.2]}, {"mass": Column("kg")})
+    monkeypatch.setattr(pd, "read_csv", lambda text: read(text).map(lambda x: np.nextafter(x, 1.0)))
+    monkeypatch.setattr(pd, "__version__", "3.0.0")
+    with pytest.raises(ValueError, match=r"'mass \(kg\)' has other numbers when pandas 3.0.0 .* install pandas>=3.1"):
+        csv_text(data)

@@ -230,7 +230,7 @@ def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now
 def test_the_printed_claims_are_those_that_were_accepted(path):
     """Without a build: a slip in `data/published` fails here; 'marsedl accept' takes a correction."""
     published = ROOT / "data" / "published" / f"{path.stem}.yaml"
-    if published.exists():  # beside the papers' references stands that of the audit
+    if published.exists():
         accepted = verification.read_reference(ROOT, path.stem)
         printed = {f"published/{claim.id}": verification._printed(vars(claim)) for claim in load_published(published)}
         assert {name: entry for name, entry in accepted.items() if name.startswith("published/")} == printed

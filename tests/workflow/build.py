@@ -1,51 +1,50 @@
-"""Build a copy of the project beside the tests: `python build.py folder tasks...`.
+"""Make the smoke build that the tests share: `python build.py folder`, which then holds it with what came of it.
 
-First the smoke size, whole, twice; a copy of the second and what came of both are then written beside the folder. If
-`full` is a task, the full size follows in the tree of the first build, in fewer readings (size `check`) and without
-figures, which show no other code. `marsedl verify` builds and compares all of it.
-
-Ends with 0 unless a build fails. Ends at once, with all that it started, when its standard input closes: it does not
-outlive the tests that wait for it.
+The project is built twice as `marsedl verify` does. The first build loads the kernels that the tests compile and
+compiles the others for them, the second compiles its own.
 """
 
+import contextlib
+import io
 import json
-import os
 import shutil
-import signal
 import sys
-import threading
 from pathlib import Path
 
+from marsedl.replication import verification
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.verification import PRODUCTS, build_twice, snakemake
+
+ROOT = Path(__file__).parents[2]
 
 
-def end_with_the_tests():
-    os.read(0, 1)  # not through sys.stdin, whose lock Python wants when it ends
-    os.killpg(0, signal.SIGKILL)
+def with_kernels_of_the_tests(root: Path, folder: Path) -> Path:
+    """Copy the tree as `build_twice` asks for."""
+    copy_tree(root, folder)
+    if folder.name == "0":
+        (folder / ".cache").mkdir()
+        for name in ("numba", "matplotlib"):
+            (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
+            (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
+    return folder
 
 
-def build(folder: Path, tasks: list[str]) -> int:
-    agree = build_twice(folder)
-    folders = [folder / "build" / "verify" / str(number) for number in range(2)]
-    builds = [build_folder(project, "smoke") for project in folders]
-    built = {
-        "agree": agree,
-        "digests": [digest_tree(build, PRODUCTS) for build in builds],
-        "logs": [sorted(str(path.relative_to(build)) for path in build.glob("logs/**/*.log")) for build in builds],
-    }
-    shutil.copytree(folders[1], folder.with_name("copy"))
-    unfinished = folder.with_name("smoke.json.part")
-    unfinished.write_text(json.dumps(built), encoding="utf-8")
-    unfinished.rename(folder.with_name("smoke.json"))
-    if "full" not in tasks:
-        return 0
-    process = snakemake(folders[0], "claims", "--cores", "2", "--config", "size=check")
-    print(process.stdout)
-    return process.returncode
+copy_tree, verification.copy_tree = verification.copy_tree, with_kernels_of_the_tests
+
+
+def main(folder: Path) -> None:
+    """Build twice, and write what was said and the digests of the first."""
+    project, said = copy_tree(ROOT, folder / "project"), io.StringIO()
+    with contextlib.redirect_stdout(said):
+        agree = verification.build_twice(project)
+    print(said.getvalue())
+    first, second = (project / "build" / "verify" / str(number) for number in range(2))
+    digests = digest_tree(build_folder(first, "smoke"), verification.PRODUCTS)
+    shutil.rmtree(second)
+    result = {"agree": agree, "output": said.getvalue(), "digests": digests}
+    (folder / "built.part").write_text(json.dumps(result), encoding="utf-8")
+    (folder / "built.part").rename(folder / "built.json")
 
 
 if __name__ == "__main__":
-    threading.Thread(target=end_with_the_tests, daemon=True).start()
-    sys.exit(build(Path(sys.argv[1]), sys.argv[2:]))
+    main(Path(sys.argv[1]))

@@ -36,9 +36,3 @@ def test_every_stage_at_smoke_size(tree, slug):
     for row in read_claims(tree.path(f"report/claims/{slug}.json")):
         if isinstance(value := row["readings"]["corrected"]["value"], float | bool | int):
             assert report["values"][row["id"]] == value, row["id"]
-
-
-def test_one_paper_at_full_size(full):
-    report = in_memory(full, "check", "powered_descent")
-    assert stages(report) == set(catalogue("powered_descent").stages)
-    assert report["unequal"] == []

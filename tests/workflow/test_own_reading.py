@@ -5,87 +5,101 @@ import numpy as np
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
-from marsedl.papers.stochastic_entry import records as entry_records
+from marsedl.papers.stochastic_entry.records import FlightEnsemble, Nominal
 from marsedl.replication.artifacts import load
 from marsedl.replication.claims import read_claims
+from marsedl.replication.digests import digest
 
 pytestmark = pytest.mark.workflow
 
-COVARIANCE = [[6.0, 0.4, -0.3, 0.05], [0.4, 0.5, 0.02, -0.1], [-0.3, 0.02, 0.3, 0.03], [0.05, -0.1, 0.03, 0.2]]
-MINE = f"""
-powered_descent:
+GLIDE = "hypersonic_glide"
+CACHE = f"data/cache/{GLIDE}"
+MINE = """\
+hypersonic_glide:
   readings:
     mine:
       based_on: corrected
-      summary: Durations that are no multiple of any step, a full covariance, numbers of trials that are no blocks.
-      noise: {{noise_coefficient: {{value: 0.03, source: "assumed: test"}}}}
-      mission:
-        source: "assumed: test"
-        final_covariance: {{value: {COVARIANCE}}}
-        segment_durations: {{value: [24.7, 16.13], unit: s}}
-      ensemble:
-        trials: {{value: 7, source: "assumed: test"}}
-        large_trials: {{value: 1500, source: "assumed: test"}}
+      design: {noise_density: {value: %s, source: "assumed: test"}}
+      ensemble: {trials: {value: 2500, source: "assumed: no multiple of a block"}}
 """
 
 
-@pytest.fixture
-def mine(tmp_path):
-    path = tmp_path / "mine.yaml"
-    path.write_text(MINE, encoding="utf-8")
-    return path
+def works(tree, *targets, configfile):
+    process = tree.run(*targets, configfile=configfile)
+    assert process.returncode == 0, process.stdout[-3000:]
+    return process.stdout
 
 
-def artifact(tree, name, kind, paper="powered_descent"):
-    return load(tree.path(f"data/cache/{paper}/mine/{name}.h5"), kind, paper=paper, reading="mine")
+def datasets(path):
+    """The values of everything that is stored in an artifact, by its name in the file; not whose it is."""
+    with h5py.File(path) as file:
+        names = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        return {name: np.asarray(file[name]).tolist() for name in names}
 
 
-def test_an_own_reading_is_built_beside_the_others(tree, mine):
-    before, digests = tree.state(), tree.digests()
-    figure, large = (
-        "figures/powered_descent/mine/fig07.png",
-        "data/cache/powered_descent/mine/montecarlo.closed_loop_large",
+def test_an_own_reading_is_built_beside_the_others(small, tmp_path):
+    path, before = tmp_path / "mine.yaml", small.state()
+    path.write_text(MINE % 0.07, encoding="utf-8")
+    figure = f"figures/{GLIDE}/mine/fig01.png"
+    works(small, figure, configfile=path)
+    assert small.path(figure).read_bytes().startswith(b"\x89PNG")
+    mine, others = (datasets(small.path(f"{CACHE}/{reading}/gains.h5")) for reading in ("mine", "corrected"))
+    assert mine["gain"] != others["gain"], "its own numbers"
+    after = small.state()
+    assert {name: after[name] for name in after if "/mine/" not in name} == before
+    assert small.plan(GLIDE).rules == set(), "a plain run has nothing to do"
+
+    # The claims get a column for it, which goes again with the file.
+    works(small, f"report/claims/{GLIDE}.json", configfile=path)
+    (row,) = read_claims(small.path(f"report/claims/{GLIDE}.json"))
+    assert row["readings"].keys() == {"corrected", "printed", "mine"}
+    assert small.plan(f"report/claims/{GLIDE}.json").rules == {"claims"}
+
+
+def test_scattered_flights_are_those_of_one_job(small, tmp_path):
+    path, flights = tmp_path / "mine.yaml", f"{CACHE}/mine/montecarlo.closed_loop.h5"
+    path.write_text(MINE % 0.07, encoding="utf-8")
+    contents = []
+    for chunks in (3, 1):
+        small.config = [f"chunks={chunks}"]  # of the full size: the smoke size limits trials
+        works(small, flights, configfile=path)
+        contents.append(digest(small.path(flights)))
+    logs = {log.name for log in small.path(f"logs/{GLIDE}/mine").glob("montecarlo.*")}
+    assert logs == {f"montecarlo.closed_loop.{k}of3.log" for k in range(3)} | {"montecarlo.closed_loop.log"}
+    assert not list(small.build.glob("data/cache/*/*/chunks/*.h5")), "chunks are temporary"
+    assert contents[0] == contents[1]
+
+
+def test_who_shares_with_an_edited_reading_keeps_its_results(small, tmp_path):
+    """The owner is edited, the other builds what it shared with it, and back again."""
+    path, figure = tmp_path / "mine.yaml", f"figures/{GLIDE}/mine/fig01.png"
+    noise = "noise_density: {value: 0.05, source: 'assumed: as corrected'}"
+    path.write_text(f"{GLIDE}: {{readings: {{mine: {{based_on: corrected, design: {{{noise}}}}}}}}}", encoding="utf-8")
+    # All of it is that of `corrected`,
+    said = works(small, f"{CACHE}/mine/gains.h5", figure, configfile=path)
+    assert f"{CACHE}/mine/gains.h5 is shared: it is {CACHE}/corrected/gains.h5" in said
+    assert not small.path(f"{CACHE}/mine").exists()
+    picture, digests = small.path(figure).read_bytes(), small.digests()
+    stages = ("gains", "montecarlo.closed_loop")
+    shared = {name: datasets(small.path(f"{CACHE}/corrected/{name}.h5")) for name in stages}
+    # until that one changes.
+    own, base = (
+        '    based_on: printed\n    design: {noise_density: {value: 0.07, source: "assumed: test"}}\n',
+        ("    based_on: printed\n"),
     )
-    process = tree.run(figure, f"{large}.h5", configfile=mine)
-    assert process.returncode == 0, process.stdout[-3000:]
-    assert tree.path(figure).read_bytes().startswith(b"\x89PNG")
-
-    # Its own numbers,
-    gains = artifact(tree, "gains", Gains)
-    assert gains.noise_density_plant == pytest.approx(0.03 * 18000.0)
-    assert gains.time[-1] == pytest.approx(24.7 + 16.13, abs=1e-12)
-    np.testing.assert_allclose(gains.covariance[-1], COVARIANCE, rtol=1e-6, atol=1e-8)
-    ensemble = artifact(tree, "montecarlo.closed_loop_large", FlightEnsemble)
-    assert ensemble.count == len(ensemble.final_state) == 1500
-    assert ensemble.time[-1] == pytest.approx(24.7 + 16.13, abs=1e-12)
-    assert np.sum(ensemble.time == 24.7) == 2, "the switch stands twice"
-    # with a sampled covariance within five standard errors of the target,
-    sampled, scale = ensemble.covariance[-1, :4, :4], np.sqrt(np.diag(COVARIANCE))
-    assert np.all(np.abs(sampled - COVARIANCE) < 5 * np.sqrt(2 / 1500) * np.outer(scale, scale))
-    # where fewer trials are the first of more.
-    few = artifact(tree, "montecarlo.closed_loop", FlightEnsemble)
-    assert few.count == 7
-    np.testing.assert_array_equal(few.final_state, ensemble.final_state[:7])
-
-    # The other readings are as they were,
-    after = tree.state()
-    own_files = {name for name in after if "/mine/" in name}
-    assert {name: after[name] for name in after.keys() - own_files} == before
-    assert {name: digest for name, digest in tree.digests().items() if name not in own_files} == digests
-    assert tree.plan("all").rules == set(), "a plain run has nothing to do"
-
-    # and the claims get a column for it, which goes again with the file.
-    process = tree.run("claims", configfile=mine)
-    assert process.returncode == 0, process.stdout[-3000:]
-    rows = read_claims(tree.path("report/claims.json"))
-    for row in rows:
-        if row["kind"] == "monte_carlo":
-            assert "corrected" in row["readings"]
-            assert ("mine" in row["readings"]) == (row["paper"] == "powered_descent")
-    assert "mine" in tree.path("figures/powered_descent/readings.csv").read_text(encoding="utf-8")
-    plan = tree.plan("all")
-    assert plan.rules == {"claims", "counterexamples", "all_claims", "digests", "site"}
+    small.edit(f"configs/{GLIDE}.yaml", base, own)
+    works(small, figure, f"figures/{GLIDE}/fig01.png", configfile=path)
+    assert small.path(figure).read_bytes() == picture
+    after = small.digests()
+    for name in stages:
+        assert datasets(small.path(f"{CACHE}/mine/{name}.h5")) == shared[name]
+        assert after[f"{CACHE}/corrected/{name}.h5"] != digests[f"{CACHE}/corrected/{name}.h5"]
+    small.edit(f"configs/{GLIDE}.yaml", own, base)
+    works(small, figure, f"figures/{GLIDE}/fig01.png", configfile=path)
+    assert small.path(figure).read_bytes() == picture
+    assert {name: content for name, content in small.digests().items() if name in digests} == digests
+    assert small.plan(figure, configfile=path).rules == set()
 
 
 def test_a_density_table_of_ones_own(tree, own_reading, tmp_path):
@@ -97,72 +111,31 @@ def test_a_density_table_of_ones_own(tree, own_reading, tmp_path):
     config = tmp_path / "mine.yaml"
     text = own_reading("stochastic_entry", "mine", density_profile="table", density_table=f"'{table}'")
     config.write_text(text, encoding="utf-8")
-    before, figure = tree.state(), "figures/stochastic_entry/mine/fig07.png"
-    flights = "data/cache/stochastic_entry/mine/montecarlo.stochastic_velocity.h5"
-    process = tree.run(figure, flights, configfile=config)
-    assert process.returncode == 0, process.stdout[-3000:]
-    nominal = artifact(tree, "nominal", entry_records.Nominal, "stochastic_entry")
+    before, cache = tree.state(), "data/cache/stochastic_entry/mine"
+    works(tree, f"{cache}/montecarlo.stochastic_velocity.h5", configfile=config)
+    nominal = load(tree.path(f"{cache}/nominal.h5"), Nominal, paper="stochastic_entry", reading="mine")
     np.testing.assert_allclose(nominal.density, density * np.exp(-nominal.altitude / scale_height), rtol=1e-9)
-    ensemble = artifact(tree, "montecarlo.stochastic_velocity", entry_records.FlightEnsemble, "stochastic_entry")
+    path = tree.path(f"{cache}/montecarlo.stochastic_velocity.h5")
+    ensemble = load(path, FlightEnsemble, paper="stochastic_entry", reading="mine")
     assert ensemble.count == 200
     np.testing.assert_allclose(ensemble.final_state[:, 1], 500.0, atol=1e-6)
     after = tree.state()
     assert {name: state for name, state in after.items() if "/mine/" not in name} == before
 
 
-@pytest.mark.parametrize("slug", SLUGS)
-def test_every_target_exists_for_an_own_reading(copied, own_reading, tmp_path, slug):
+def test_every_target_exists_for_an_own_reading(copied, own_reading, tmp_path):
     """With a seed of its own, it shares nothing that is drawn; what it shares is the other reading's file."""
     path = tmp_path / "mine.yaml"
-    path.write_text(own_reading(slug, "mine", seed="77"), encoding="utf-8")
-    paper = catalogue(slug)
-    targets = {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
-    targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
-    stages = [name for name in paper.stages if not name.startswith("montecarlo")]
-    stages += [f"montecarlo.{case}" for case in input_model(slug).CASES]
-    plan = copied.plan(*sorted(targets), *(f"data/cache/{slug}/mine/{name}.h5" for name in stages), configfile=path)
-    assert plan.files >= targets
-    assert plan.papers == {slug}
+    path.write_text("".join(own_reading(slug, "mine", seed="77") for slug in SLUGS), encoding="utf-8")
+    targets, stages, cases = set(), [], set()
+    for slug in SLUGS:
+        paper = catalogue(slug)
+        targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
+        targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
+        names = [name for name in paper.stages if not name.startswith("montecarlo")]
+        names += [f"montecarlo.{case}" for case in input_model(slug).CASES]
+        stages += [f"data/cache/{slug}/mine/{name}.h5" for name in names]
+        cases |= {f"data/cache/{slug}/mine/montecarlo.{case}.h5" for case in input_model(slug).CASES}
+    plan = copied.plan(*sorted(targets), *stages, configfile=path)
+    assert plan.files >= targets | cases
     assert plan.readings == {"mine"}
-    assert plan.artifacts >= {f"mine/montecarlo.{case}" for case in input_model(slug).CASES}
-
-
-def datasets(path):
-    """The values of everything that is stored in an artifact, by its name in the file; not whose it is."""
-    with h5py.File(path) as file:
-        names = []
-        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-        return {name: repr(np.asarray(file[name]).tolist()) for name in names}
-
-
-def test_who_shares_with_an_edited_reading_keeps_its_results(tree, tmp_path):
-    """Run for real: the owner is edited, the other builds what it shared with it, and back again."""
-    path = tmp_path / "mine.yaml"
-    noise = "noise: {noise_coefficient: {value: 0.02, source: 'assumed: as corrected'}}"
-    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, {noise}}}}}}}", encoding="utf-8")
-    cache, figure = "data/cache/powered_descent", "figures/powered_descent/mine/fig03.png"
-
-    def run(*targets):
-        process = tree.run(*targets, configfile=path)
-        assert process.returncode == 0, process.stdout[-3000:]
-        return process.stdout
-
-    # All of it is that of `corrected`,
-    assert f"{cache}/mine/gains.h5 is shared: it is {cache}/corrected/gains.h5" in run(f"{cache}/mine/gains.h5", figure)
-    assert not tree.path(f"{cache}/mine").exists()
-    picture, digests = tree.path(figure).read_bytes(), tree.digests()
-    stages = ("nominal", "gains", "montecarlo.closed_loop")
-    shared = {name: datasets(tree.path(f"{cache}/corrected/{name}.h5")) for name in stages}
-    # until that one changes.
-    tree.set_inputs("corrected", noise_coefficient="0.03")
-    run(figure, "figures/powered_descent/fig03.png")
-    assert tree.path(figure).read_bytes() == picture
-    after = tree.digests()
-    for name in stages:
-        assert datasets(tree.path(f"{cache}/mine/{name}.h5")) == shared[name]
-        assert after[f"{cache}/corrected/{name}.h5"] != digests[f"{cache}/corrected/{name}.h5"]
-    tree.edit("configs/powered_descent.yaml", '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
-    run(figure, "figures/powered_descent/fig03.png")
-    assert tree.path(figure).read_bytes() == picture
-    assert {name: digest for name, digest in tree.digests().items() if name in digests} == digests
-    assert tree.plan(figure, configfile=path).rules == set()

@@ -1,6 +1,7 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
 import contextlib
 import functools
+import os
 import re
 import sys
 import time
@@ -11,15 +12,26 @@ from marsedl.replication import command_line
 from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER
 from marsedl.replication.claims import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import load_studies
+from marsedl.replication.inputs import SETTINGS, load_studies
 from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.site import site_files
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.staleness import BENCHMARKS, MACHINES, Recipes
 
 ROOT = Path(workflow.current_basedir).parents[1]
-SIZE = str(config.get("size", "full"))
+# Another workflow may use these rules as a module: its words, files and further keys are its own.
+IS_MAIN = workflow.modifier.is_main_snakefile()
+WORDS = command_line.words_of(sys.argv) if IS_MAIN else []
+OWN_CONFIG = dict(config) if IS_MAIN else {key: config[key] for key in (*SLUGS, *SETTINGS) if key in config}
+OWN_FILES = workflow.configfiles if IS_MAIN else []
+SIZE = str(OWN_CONFIG.get("size", "full"))
 DEFAULT = "corrected"
+
+
+def from_start(path):
+    """A user's file, from the project's folder, or else from where Snakemake was started."""
+    return Path(path) if Path(ROOT, path).exists() else Path(workflow.workdir_init, path)
+
 
 try:
     PAPERS = {slug: catalogue(slug) for slug in SLUGS}
@@ -27,7 +39,7 @@ try:
     MODELS = {slug: input_model(slug) for slug in SLUGS}
     # A job of a smaller size may begin in the folder of its build.
     with contextlib.chdir(ROOT):
-        STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+        STUDIES = load_studies(MODELS, Path("configs"), OWN_CONFIG, [from_start(path) for path in OWN_FILES])
     for slug, study in STUDIES.items():  # texts that quote numbers of a reading that there is not
         with_numbers(PAPERS[slug], Quotes(None, study.readings))
 except InputError as error:
@@ -53,8 +65,8 @@ wildcard_constraints:
 
 
 def source(path):
-    """A file of the project, from the folder that this size is built in."""
-    return path if SIZE == "full" else f"../../{path}"
+    """A file of the project, from the folder that is built in."""
+    return os.path.relpath(Path(os.path.realpath(ROOT), path), os.path.realpath(Path.cwd()))
 
 
 RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)

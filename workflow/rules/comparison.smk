@@ -26,7 +26,6 @@ rule comparison_product:
     params:
         made=made("figures/comparison/{stem}.png"),
         artifacts=lambda wildcards: RECIPES.compared_artifacts(wildcards.stem),
-        benchmarks=source(BENCHMARKS),
         captions=comparison_captions,
         build=build,
     script:

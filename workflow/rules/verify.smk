@@ -9,4 +9,4 @@ rule verify:
     conda:
         "../envs/marsedl.yaml"
     shell:
-        "python -m marsedl.cli verify 2> {log}"
+        "{sys.executable:q} -m marsedl.cli verify 2> {log}"

@@ -10,7 +10,6 @@ from marsedl.replication.tables import write_table
 with guarded(snakemake) as job:
     stem, params, output = snakemake.wildcards.stem, job.params, snakemake.output
     comparison = import_module(f"marsedl.comparison.{stem}")
-    benchmarks = params.benchmarks if params.made["measured"] else None
-    records = collect(stem, params.made["inputs"], params.artifacts, job.load, benchmarks)
+    records = collect(stem, params.made["inputs"], params.artifacts, job.load)
     save_figure(comparison.figure(records), output.png, output.pdf)
     write_table(comparison.table(records), output.csv, output.md)

@@ -16,10 +16,7 @@ from marsedl.replication.texts import FILE, comparison_texts
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure and one table: their captions, and by paper what the function of its name takes.
-
-    A function that takes `measured` is given the paper's rows of data/reference/benchmarks.csv.
-    """
+    """One figure and one table: their captions, and by paper what the function of its name takes."""
 
     figure: str
     table: str
@@ -29,11 +26,6 @@ class Comparison:
     def needs(self) -> dict[str, tuple[str, ...]]:
         """The artifacts that are compared, by paper."""
         return {paper: parameters.needs + parameters.optional for paper, parameters in self.takes.items()}
-
-    @property
-    def measured(self) -> bool:
-        """Whether it shows run times."""
-        return any("measured" in parameters.others for parameters in self.takes.values())
 
     @property
     def papers(self) -> tuple[str, ...]:

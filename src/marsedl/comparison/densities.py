@@ -48,7 +48,7 @@ class Density(NamedTuple):
     dispersion: str
     curve: str  # what `spread` is, in few words
     log_density: np.ndarray | None = None  # of kg/m^3
-    factors: tuple | None = None  # between which the density is spread about the mean: least, largest
+    factors: tuple | None = None  # between which the density is spread about the mean: least, largest; None: known
     style: str = "-"
 
 
@@ -70,18 +70,15 @@ def random_field(air: random_field_inputs.Air, nominal: RandomFieldNominal) -> D
     )
 
 
-def desensitized(
-    planet: desensitized_inputs.Planet, studies: desensitized_inputs.Studies, nominal: DesensitizedNominal
-) -> Density:
-    """A known density; the further perturbations fly with constant errors of it."""
+def desensitized(planet: desensitized_inputs.Planet, nominal: DesensitizedNominal) -> Density:
+    """A known density."""
     return Density(
         _range(nominal.state[:, 0]),
         PROFILES[planet.density_profile],
-        "none in the paper",
-        "constant error, beyond the paper",
+        "none",
+        "",
         profile(planet)(ALTITUDE)[0],
-        _about_one(np.full(ALTITUDE.shape, studies.density_error)),
-        ":",
+        style=":",
     )
 
 
@@ -130,10 +127,13 @@ def figure(records: dict[str, Density]) -> Figure:
         ratio = np.exp(model.log_density - records[REFERENCE].log_density)
         in_flight = (model.altitude_range[0] <= ALTITUDE) & (model.altitude_range[1] >= ALTITUDE)
         look = {"color": COLORS[slug], "linestyle": model.style}
-        sides = [ratio * factor for factor in model.factors]
-        means.fill_betweenx(altitude, *sides, where=in_flight, color=COLORS[slug], alpha=0.15, linewidth=0)
         means.plot(ratio, altitude, **look, linewidth=0.6)
         means.plot(np.where(in_flight, ratio, np.nan), altitude, **look, linewidth=1.8)
+        if model.factors is None:
+            handles += means.plot([], [], **look, linewidth=1.6, label=f"{NAMES[slug]}: known")
+            continue
+        sides = [ratio * factor for factor in model.factors]
+        means.fill_betweenx(altitude, *sides, where=in_flight, color=COLORS[slug], alpha=0.15, linewidth=0)
         handles += spreads.plot(
             *(100 * (model.factors[1] - 1), altitude), **look, linewidth=1.6, label=f"{NAMES[slug]}: {model.curve}"
         )
@@ -155,11 +155,11 @@ def table(records: dict[str, Density]) -> "DataFrame":
         if model.log_density is None:
             rows.append((NAMES[slug], None, False, None, None, model.mean, model.dispersion))
             continue
-        explanation = "; ".join((model.dispersion, model.curve))
+        explanation = "; ".join(filter(None, (model.dispersion, model.curve)))
         for altitude, node in zip(TABULATED, np.searchsorted(ALTITUDE, TABULATED), strict=True):
             ratio = np.exp(model.log_density[node] - records[REFERENCE].log_density[node])
             in_flight = model.altitude_range[0] <= altitude <= model.altitude_range[1]
-            dispersion = 100 * (model.factors[1][node] - 1)
+            dispersion = None if model.factors is None else 100 * (model.factors[1][node] - 1)
             rows.append((NAMES[slug], altitude / KM, in_flight, ratio, dispersion, model.mean, explanation))
     return table_of(
         rows,

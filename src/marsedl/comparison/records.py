@@ -2,10 +2,8 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
 
 from marsedl.plotting.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from marsedl.replication.claims import load_measured
 from marsedl.replication.jobs import arguments_of
 
 NAMES = {
@@ -18,7 +16,7 @@ NAMES = {
 COLORS = dict(zip(NAMES, (PURPLE, BLUE, ORANGE, GREEN, VERMILION), strict=True))
 
 
-def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: str | Path | None = None) -> dict:
+def collect(stem: str, inputs: dict, files: dict, load: Callable) -> dict:
     """Return the record that a comparison makes of every paper.
 
     Args:
@@ -26,23 +24,20 @@ def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: st
         inputs: plain inputs by "section.name", by paper.
         files: artifact files by the name of the function's parameter, by paper.
         load: function of a file and of an artifact type, which returns the artifact.
-        benchmarks: table of run times, if the comparison shows them.
 
     Returns:
         Record of the comparison by paper, in the order of `files`.
 
     Raises:
         ArtifactError: if a file is missing, damaged or of another paper or reading.
-        InputError: if the run times cannot be read, or lack one that is shown.
     """
     module = import_module(f"marsedl.comparison.{stem}")
     records = {}
     for slug, paths in files.items():
         function = getattr(module, slug)
-        measured = {} if benchmarks is None else {"measured": load_measured(benchmarks, slug)}
 
         def artifact(name, kind, paths=paths):
             return load(paths[name], kind) if name in paths else None
 
-        records[slug] = function(**arguments_of(function, inputs[slug], artifact, **measured))
+        records[slug] = function(**arguments_of(function, inputs[slug], artifact))
     return records

@@ -149,8 +149,7 @@ class Solution:
     Every multiplier is the derivative of the optimal objective with respect to what its constraint demands, in the
     units of the problem. A costate is d(objective)/d(addition to the change of the state over the interval), which is
     d(objective)/d(state in its middle) up to second order in its length. The multiplier of a condition is
-    d(objective)/d(its active bound): negative at an upper bound, positive at a lower one, zero in between. That of a
-    path condition belongs to a node; divided by the length of an interval it is a density in time.
+    d(objective)/d(its active bound): negative at an upper bound, positive at a lower one, zero in between.
     """
 
     problem: Problem
@@ -167,8 +166,6 @@ class Solution:
     residual: Residual
     costates: np.ndarray  # (N, n), multipliers of the intervals' equations
     boundary_multipliers: Mapping[str, float]
-    path_multipliers: Mapping[str, np.ndarray]  # (N + 1,) each
-    raw: tuple  # the solver's own variables and multipliers (of bounds, of constraints), for warm starts
 
     __repr__ = summary
 
@@ -358,7 +355,6 @@ class Program:
         guess,
         given: Mapping[str, float] | None = None,
         *,
-        warm=False,
         barrier=None,
         tolerance=1e-8,
         iterations=500,
@@ -367,9 +363,8 @@ class Program:
         """Solve from a guess.
 
         Args:
-            guess: a `Guess` on this program's mesh, or a `Solution` of it, which may also start its multipliers.
+            guess: a `Guess` on this program's mesh, or a `Solution` of it.
             given: values of the given parameters, by name.
-            warm: start the multipliers from those of the guess, which must be a `Solution` of this program.
             barrier: initial barrier parameter, decreased monotonically, for starts near a solution; the solver's
                 adaptive rule, which may leave the guess's neighbourhood, if not given.
             tolerance, iterations: of the solver.
@@ -380,9 +375,8 @@ class Program:
 
         Raises:
             NotConvergedError: if the solver ends otherwise; it holds the last iterate.
-            ValueError: for a guess of another size or with values that are not finite or missing, given parameters that
-                are not those of the problem or not finite, and a warm start from something else than a `Solution` of
-                this program.
+            ValueError: for a guess of another size or with values that are not finite or missing, and given parameters
+                that are not those of the problem or not finite.
         """
         given = dict(given or {})
         if set(given) != set(self.problem.given):
@@ -397,30 +391,14 @@ class Program:
             options["mu_strategy"] = "adaptive"
         else:
             options |= {"mu_strategy": "monotone", "mu_init": float(barrier)}
-        arguments = {}
-        start = self._packed(guess)
-        if warm:
-            sizes = (len(self._lower), len(self._lower), len(self._least))
-            if not isinstance(guess, Solution) or tuple(map(len, guess.raw)) != sizes:
-                raise ValueError("a warm start needs a solution of this program to start from")
-            options |= {
-                "warm_start_init_point": "yes",
-                "warm_start_bound_push": 1e-9,
-                "warm_start_bound_frac": 1e-9,
-                "warm_start_slack_bound_push": 1e-9,
-                "warm_start_slack_bound_frac": 1e-9,
-                "warm_start_mult_bound_push": 1e-9,
-            }
-            arguments = {"lam_x0": guess.raw[1], "lam_g0": guess.raw[2]}
         solver = self._solver(options)
         result = solver(
-            x0=start,
+            x0=self._packed(guess),
             p=[given[name] for name in self.problem.given],
             lbx=self._lower,
             ubx=self._upper,
             lbg=self._least,
             ubg=self._most,
-            **arguments,
         )
         solution = self._solution(result, given, solver.stats())
         if solution.status not in accept:
@@ -462,15 +440,14 @@ class Program:
 
     def _solution(self, result, given, stats):
         problem = self.problem
-        values, dual, multipliers = (result[name].full().ravel() for name in ("x", "lam_x", "lam_g"))
+        values, multipliers = (result[name].full().ravel() for name in ("x", "lam_g"))
         # The solver's own values are those of the last point that it could evaluate, if any.
         objective, running, constraints = self._values(values, [given[name] for name in problem.given])
         states, controls, free, duration = self._unpacked(values)
         count = len(self.mesh) - 1
         split = count * len(problem.states)
         # The Lagrangian is objective + multipliers (constraints - demanded): raising a demand by one costs -multiplier.
-        of_intervals, at_ends, at_nodes = np.split(-multipliers, [split, split + len(problem.boundary)])
-        at_nodes = at_nodes.reshape(count + 1, len(problem.path))
+        of_intervals, at_ends, _ = np.split(-multipliers, [split, split + len(problem.boundary)])
         return Solution(
             problem=problem,
             scheme=self.scheme,
@@ -488,8 +465,6 @@ class Program:
             boundary_multipliers={
                 c.name: float(value / c.scale) for c, value in zip(problem.boundary, at_ends, strict=True)
             },
-            path_multipliers={c.name: of_one / c.scale for c, of_one in zip(problem.path, at_nodes.T, strict=True)},
-            raw=(values, dual, multipliers),
         )
 
     def _worst(self, values, constraints, duration) -> Residual:

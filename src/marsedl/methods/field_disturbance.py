@@ -19,7 +19,6 @@ __all__ = [
     "disturbance_mean",
     "gauss_legendre",
     "regularize",
-    "require_well_conditioned",
     "trapezoid_weights",
 ]
 
@@ -284,25 +283,6 @@ def condition_number(covariance, units):
             "the given units; check the covariance function of the field"
         )
     return float(largest / smallest) if smallest > 0 else np.inf
-
-
-def require_well_conditioned(covariance, units, largest=1e12):
-    """Refuse disturbances that are almost exactly predictable, which no feedback law can be designed for.
-
-    Args:
-        covariance, units: as of `condition_number`.
-        largest: largest condition number that is accepted, 1. Beyond about 1e15 rounding hides the smallest eigenvalue.
-
-    Raises:
-        ValueError: if the condition number exceeds the largest accepted one, and as `condition_number`.
-    """
-    condition = condition_number(covariance, units)
-    if condition > largest:
-        raise ValueError(
-            f"covariance of the disturbances has condition number {condition:.2g}, more than {largest:.2g}: the field "
-            "is almost exactly predictable from states that are known without error, so the gains would grow without "
-            "bound; add an error of the navigation in every interval (`regularize`)"
-        )
 
 
 def _weighted(field_effects, weights):

@@ -20,7 +20,6 @@ __all__ = [
     "midpoint_responses",
     "midpoint_transitions",
     "propagate_columns",
-    "scheme_change",
     "scheme_columns",
     "scheme_responses",
     "scheme_transitions",
@@ -73,21 +72,6 @@ def midpoint_responses(state_matrix, forcing, step):
     state_matrix, step = _intervals(state_matrix, step)
     forcing = _array("forcing", forcing, (*state_matrix.shape[:2], None))
     return _across(state_matrix, step, forcing)
-
-
-def scheme_change(scheme, matrices, step):
-    """Derivatives of what a scheme takes for the change over every interval, with respect to its start and its end.
-
-    Args:
-        scheme, matrices, step: as of `scheme_transitions`.
-
-    Returns:
-        Both, (N, n, n) each.
-
-    Raises:
-        ValueError: as `scheme_transitions`.
-    """
-    return _change(scheme, *_points(scheme, matrices, step))
 
 
 def scheme_transitions(scheme, matrices, step):

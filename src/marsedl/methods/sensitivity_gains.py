@@ -24,11 +24,9 @@ from marsedl.summaries import summary
 __all__ = [
     "GainDesign",
     "GainProblem",
-    "Ranking",
     "Tuning",
     "final_errors",
     "gain_matrix",
-    "jacobian",
     "minimum_norm",
     "rank",
     "regularized",
@@ -47,7 +45,6 @@ _DIMENSIONS = {
     "outputs": "pn",
     "state_scale": "f",
     "control_scale": "m",
-    "forcing": "Nsnc",
 }
 
 
@@ -75,7 +72,6 @@ class GainProblem:
     fed_back: np.ndarray  # indices of the measured states, (f,)
     state_scale: np.ndarray  # deviation of a measured state that counts as one, (f,)
     control_scale: np.ndarray = 1.0  # control that counts as one, (m,) or one for all
-    forcing: np.ndarray | None = None  # df/dp of the perturbed parameters, (N, n, c); None for zero
     scheme: str = "midpoint"  # by which the sensitivities are propagated
 
     __repr__ = summary
@@ -90,8 +86,6 @@ class GainProblem:
             raise ValueError(f"scheme: '{self.scheme}' is none of {', '.join(POINTS)}")
         sizes = {"f": len(fed_back), "s": POINTS[self.scheme]}
         for name, dimensions in _DIMENSIONS.items():
-            if name == "forcing" and self.forcing is None:
-                continue
             if self.scheme == "midpoint":
                 dimensions = dimensions.replace("s", "")
             value = np.asarray(getattr(self, name), dtype=float)
@@ -124,12 +118,10 @@ class GainDesign(NamedTuple):
     """Gains, the errors that they leave, and how the search for them ended."""
 
     k: np.ndarray  # dimensionless gains, (m, f)
-    gain: np.ndarray  # K in the units of the model, (m, n)
     errors: np.ndarray  # final errors per unit of the perturbations, (p, c)
     iterations: int
     converged: bool
     reason: str  # why the search ended, in a sentence
-    history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
 
     __repr__ = summary
 
@@ -142,16 +134,6 @@ class Tuning(NamedTuple):
     iterations: int
     converged: bool
     reason: str  # why the search ended, in a sentence
-    history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
-
-    __repr__ = summary
-
-
-class Ranking(NamedTuple):
-    """Candidates by the norm of their errors."""
-
-    order: np.ndarray  # indices of the candidates, best first
-    norms: np.ndarray  # norms in the order of the candidates; inf where an error is not finite
 
     __repr__ = summary
 
@@ -191,31 +173,6 @@ def final_errors(problem, k):
     return problem.outputs @ _closed(problem, k).sensitivity[-1]
 
 
-def jacobian(problem, k):
-    r"""Exact derivative of the final errors with respect to the gains.
-
-    A gain acts as a forcing $B_a x_i$ at the points of the scheme, for the midpoint rule on the mean
-    $(S_k + S_{k+1}) / 2$:
-
-        $\frac{dE}{dk_{ai}} = \sum_k L_{k+1} R_{k,a} \frac{(S_k + S_{k+1})_i}{2} \cdot
-          \frac{\text{control_scale}_a}{\text{state_scale}_i}$
-
-    with the adjoint rows $L$ of the outputs and the responses $R$ of the closed loop to the controls. For other schemes
-    the sum goes over their points as well.
-
-    Args:
-        problem: `GainProblem`.
-        k: as in `gain_matrix`.
-
-    Returns:
-        J, (p c, m f), errors and gains counted row by row.
-
-    Raises:
-        ValueError: as `final_errors`.
-    """
-    return _linear(problem, k)[1]
-
-
 def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=200):
     """The smallest gains that null the final errors, from a start: k <- J^+ (J k - r), the step limited in norm.
 
@@ -242,7 +199,7 @@ def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=
     _require_positive(step_limit=step_limit, tolerance=tolerance, iterations=iterations)
     k = _full(problem, start).ravel()
     errors, slope = _linear(problem, k)
-    history, full_step, length = [], np.zeros_like(k), np.inf
+    steps, full_step, length = 0, np.zeros_like(k), np.inf
     for _ in range(iterations):
         if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
             break
@@ -253,11 +210,11 @@ def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=
         step = full_step * min(1.0, step_limit / max(length, tolerance))
         k = k + step
         errors, slope = _linear(problem, k)
-        history.append((np.linalg.norm(step), np.linalg.norm(errors)))
+        steps += 1
         if length <= tolerance:
             break
-    converged, reason = _search_outcome(errors, slope, length, tolerance, len(history))
-    return _design(problem, k, converged, reason, history)
+    converged, reason = _search_outcome(errors, slope, length, tolerance, steps)
+    return _design(problem, k, converged, reason, steps)
 
 
 def regularized(problem, weights, start=0.0, tolerance=1e-10, iterations=500):
@@ -292,11 +249,11 @@ def regularized(problem, weights, start=0.0, tolerance=1e-10, iterations=500):
             lambda k: _errors(problem, k), lambda k: _linear(problem, k), k, weight, tolerance, iterations
         )
         k = tuning.k
-        designs.append(_design(problem, k, tuning.converged, tuning.reason, tuning.history))
+        designs.append(_design(problem, k, tuning.converged, tuning.reason, tuning.iterations))
     return designs
 
 
-def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, iterations=100):
+def tune(simulated_errors, start, difference=1e-5, tolerance=1e-8, iterations=100):
     """Gains of least squares of simulated errors, by central differences of the simulation.
 
     Trial steps whose errors are not finite are shortened. What is found is a local minimum, which depends on the start.
@@ -304,8 +261,6 @@ def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, i
     Args:
         simulated_errors: function of k that returns the errors of a simulation under these gains, (r,).
         start: first k, of any shape.
-        batch: function of many k at once, (b, ...), that returns their errors, (b, r); spares calls where a simulation
-            of many costs little more than one. None to call `simulated_errors` for each.
         difference: half the distance of the differences; the cube root of the relative rounding of the errors is best.
         tolerance: relative change of k that ends the search.
         iterations: most trial steps.
@@ -314,8 +269,7 @@ def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, i
         `Tuning`.
 
     Raises:
-        ValueError: if difference, tolerance or iterations is not positive, the start or its errors are not finite, or
-            `batch` returns another shape.
+        ValueError: if difference, tolerance or iterations is not positive, or the start or its errors are not finite.
     """
     _require_positive(difference=difference, tolerance=tolerance, iterations=iterations)
     start = np.asarray(start, dtype=float)
@@ -325,23 +279,14 @@ def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, i
     def errors(k):
         return np.asarray(simulated_errors(k.reshape(start.shape)), dtype=float)
 
-    def together(ks):
-        if batch is None:
-            return np.array([errors(k) for k in ks])
-        errors_of_batch = np.asarray(batch(ks.reshape(-1, *start.shape)), dtype=float)
-        if errors_of_batch.shape != (len(ks), size):
-            raise ValueError(f"batch must return an array of shape {(len(ks), size)}, not {errors_of_batch.shape}")
-        return errors_of_batch
-
     def linear(k):
         apart = difference * np.eye(k.size)
-        errors_around = together(np.concatenate([[k], k + apart, k - apart]))
+        errors_around = np.array([errors(point) for point in np.concatenate([[k], k + apart, k - apart])])
         return errors_around[0], (errors_around[1 : k.size + 1] - errors_around[k.size + 1 :]).T / (2 * difference)
 
     first = errors(start.ravel())
     if first.ndim != 1 or not np.isfinite(first).all():
         raise ValueError("simulated_errors must return a vector, and a finite one at the start")
-    size = len(first)
     tuning = _least_squares(errors, linear, start.ravel(), 0.0, tolerance, iterations)
     return tuning._replace(k=tuning.k.reshape(start.shape))
 
@@ -356,14 +301,14 @@ def rank(candidates, simulated_errors):
         simulated_errors: function of one candidate that returns its errors.
 
     Returns:
-        `Ranking`; candidates of equal norm keep their order.
+        Indices of the candidates, best first; candidates of equal norm keep their order.
     """
     norms = np.full(len(candidates), np.inf)
     for i, candidate in enumerate(candidates):
         errors = np.asarray(simulated_errors(candidate), dtype=float)
         if np.isfinite(errors).all():
             norms[i] = np.linalg.norm(errors)
-    return Ranking(np.argsort(norms, kind="stable"), norms)
+    return np.argsort(norms, kind="stable")
 
 
 class _NotFiniteError(Exception):
@@ -397,7 +342,6 @@ class _ClosedLoop(NamedTuple):
 
     matrices: np.ndarray  # of the states at the points of the scheme, (N, points, n, n)
     control: np.ndarray  # (N, points, n, m)
-    forcing: np.ndarray | None  # (N, points, n, c)
     transitions: np.ndarray  # (N, n, n)
     sensitivity: np.ndarray  # at the nodes, (N + 1, n, c)
 
@@ -406,19 +350,16 @@ def _closed(problem, k) -> _ClosedLoop:
     """The closed loop, and the sensitivity at the nodes."""
 
     def at_points(values):
-        return values[:, np.newaxis] if problem.scheme == "midpoint" and values is not None else values
+        return values[:, np.newaxis] if problem.scheme == "midpoint" else values
 
-    state, control, forcing = map(at_points, (problem.state_matrix, problem.control_matrix, problem.forcing))
+    state, control = map(at_points, (problem.state_matrix, problem.control_matrix))
     points = state.shape[:2]
     matrices = closed_loop(
         state.reshape(-1, *state.shape[2:]), control.reshape(-1, *control.shape[2:]), gain_matrix(problem, k)
     ).reshape(*points, *state.shape[2:])
     transitions = scheme_transitions(problem.scheme, matrices, problem.step)
-    responses = None
-    if forcing is not None:
-        responses = scheme_responses(problem.scheme, matrices, forcing, problem.step).sum(axis=1)
-    sensitivity = propagate_columns(transitions, problem.columns, responses)
-    return _ClosedLoop(matrices, control, forcing, transitions, sensitivity)
+    sensitivity = propagate_columns(transitions, problem.columns)
+    return _ClosedLoop(matrices, control, transitions, sensitivity)
 
 
 def _errors(problem, k):
@@ -428,13 +369,21 @@ def _errors(problem, k):
 
 @np.errstate(over="ignore", invalid="ignore")
 def _linear(problem, k):
-    """Final errors as a vector, (p c,), and their derivative, (p c, m f)."""
+    r"""Final errors as a vector, (p c,), and their exact derivative with respect to the gains, (p c, m f).
+
+    A gain acts as a forcing $B_a x_i$ at the points of the scheme, for the midpoint rule on the mean
+    $(S_k + S_{k+1}) / 2$:
+
+        $\frac{dE}{dk_{ai}} = \sum_k L_{k+1} R_{k,a} \frac{(S_k + S_{k+1})_i}{2} \cdot
+          \frac{\text{control_scale}_a}{\text{state_scale}_i}$
+
+    with the adjoint rows $L$ of the outputs and the responses $R$ of the closed loop to the controls. For other schemes
+    the sum goes over their points as well.
+    """
     loop, scheme, step = _closed(problem, k), problem.scheme, problem.step
     rows = adjoint_rows(loop.transitions, problem.outputs)[1:, np.newaxis]
     to_outputs = rows @ scheme_responses(scheme, loop.matrices, loop.control, step)
-    measured_columns = scheme_columns(scheme, loop.matrices, loop.sensitivity, step, loop.forcing)[
-        :, :, problem.fed_back
-    ]
+    measured_columns = scheme_columns(scheme, loop.matrices, loop.sensitivity, step)[:, :, problem.fed_back]
     # Points of all intervals are counted one after the other.
     to_outputs, measured_columns = (part.reshape(-1, *part.shape[2:]) for part in (to_outputs, measured_columns))
     slope = np.einsum("kpa,kic->pcai", to_outputs, measured_columns) * _unit(problem)
@@ -458,17 +407,9 @@ def _search_outcome(errors, slope, length, tolerance, steps):
     return True, "the errors are null and the gains the smallest of the linearised solutions"
 
 
-def _design(problem, k, converged, reason, history):
+def _design(problem, k, converged, reason, iterations):
     """The result of a search over the gains of a problem."""
-    return GainDesign(
-        k.reshape(problem.gain_shape),
-        gain_matrix(problem, k),
-        final_errors(problem, k),
-        len(history),
-        converged,
-        reason,
-        np.reshape(history, (-1, 2)),
-    )
+    return GainDesign(k.reshape(problem.gain_shape), final_errors(problem, k), iterations, converged, reason)
 
 
 def _least_squares(errors, linear, start, weight, tolerance, iterations):
@@ -476,14 +417,13 @@ def _least_squares(errors, linear, start, weight, tolerance, iterations):
     from scipy.optimize import least_squares
 
     penalty = np.sqrt(weight)
-    points, history = [start.copy()], []
+    points = [start.copy()]
 
     def derivative(k):
-        residual, slope = linear(k)
+        slope = linear(k)[1]
         if not np.isfinite(slope).all():
             raise _NotFiniteError
         if (k != points[-1]).any():
-            history.append((np.linalg.norm(k - points[-1]), np.linalg.norm(residual)))
             points.append(k.copy())
         return np.concatenate([slope, penalty * np.eye(k.size)])
 
@@ -498,7 +438,7 @@ def _least_squares(errors, linear, start, weight, tolerance, iterations):
             max_nfev=iterations,
         )
     except _NotFiniteError:
-        converged, reason = False, f"errors beside the gains of step {len(history)} are not finite"
+        converged, reason = False, f"errors beside the gains of step {len(points) - 1} are not finite"
     else:
         converged = result.status > 0
         reason = (
@@ -506,4 +446,4 @@ def _least_squares(errors, linear, start, weight, tolerance, iterations):
             if converged
             else f"the gains still change after {iterations} trial steps"
         )
-    return Tuning(points[-1], errors(points[-1]), len(history), converged, reason, np.reshape(history, (-1, 2)))
+    return Tuning(points[-1], errors(points[-1]), len(points) - 1, converged, reason)

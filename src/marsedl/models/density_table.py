@@ -9,6 +9,7 @@ import numpy as np
 __all__ = ["physical_table", "read_density_table", "require_physical", "table_or_file"]
 
 LARGEST_FILE = 2**24  # bytes
+SCALE_HEIGHTS = (0.5e3, 500e3)  # m, more than an atmosphere has at either end
 
 
 def require_physical(altitudes, densities, place):
@@ -63,7 +64,7 @@ def read_density_table(path, source=None):
     Raises:
         ValueError: naming file, line or key, and the remedy: file or column missing; several sources and none chosen,
             or an unknown one; a value that is not a number, not finite or not a positive density; altitudes that do not
-            strictly increase; fewer than 3 rows.
+            strictly increase; fewer than 3 rows; altitudes that look like kilometres under metres, or the reverse.
     """
     name, _, fragment = str(path).partition("#")
     if fragment and source is not None and fragment != source:
@@ -125,7 +126,20 @@ def read_density_table(path, source=None):
         ]
     ).reshape(-1, 2)
     require_physical(*table.T, lambda i: name if i is None else f"{name}, line {selected[i][0]}")
+    _require_altitude_unit(table, altitude_key, name)
     return table
+
+
+def _require_altitude_unit(table, key, name):
+    """Ask about altitudes over which the density falls a thousand times faster or slower than that of any planet."""
+    (lowest, below), (highest, above) = table[[0, -1]]
+    falls = np.log(below / above)
+    if falls > 0.0 and not SCALE_HEIGHTS[0] < (highest - lowest) / falls < SCALE_HEIGHTS[1]:
+        other = "altitude_km" if key == "altitude_m" else "altitude_m"
+        raise ValueError(
+            f"{name}: column {key}: the density falls by a factor of e in {(highest - lowest) / falls:.3g} m, from "
+            f"{lowest:g} to {highest:g} m; is the unit right? If not, name the column {other}"
+        )
 
 
 def table_or_file(value):

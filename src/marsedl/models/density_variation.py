@@ -14,7 +14,6 @@ __all__ = [
     "decay_rate",
     "density_factor",
     "diffusion",
-    "exact_diffusion",
     "exponential_variance",
     "innovation_variance",
     "is_floored",
@@ -103,27 +102,6 @@ def diffusion(decay, variance):
         phi, 1/m.
     """
     return 2.0 * decay * variance
-
-
-@jitable
-def exact_diffusion(decay, variance, variance_slope):
-    r"""Diffusion for which the process has exactly the desired variance, where Eq. 11 has it for constant zeta only.
-
-        $\varphi = 2 \lambda \zeta + \frac{d\zeta}{ds} = 2 \lambda \zeta - \frac{d\zeta}{dh}, \quad s =
-          r_\text{atm} - r$
-
-    It follows from d Var / ds = -2 lambda Var + phi. A negative value means that the desired variance falls faster
-    than the process forgets: no process with this decay has it.
-
-    Args:
-        decay: lambda, 1/m.
-        variance: desired variance zeta, 1.
-        variance_slope: d zeta / dh with respect to altitude (not sink distance), 1/m.
-
-    Returns:
-        phi, 1/m.
-    """
-    return 2.0 * decay * variance - variance_slope
 
 
 @jitable

@@ -20,7 +20,6 @@ __all__ = [
     "branch_of",
     "burns",
     "gradient",
-    "semi_major_axis",
     "total_delta_v",
 ]
 
@@ -40,24 +39,6 @@ def _energy_terms(radius, velocity, gravitational_parameter):
     """Return lambda = r v^2 / mu and the binding energy 2 - lambda = r / a in units of mu / (2 r), > 0 if captured."""
     energy_ratio = radius * velocity * velocity / gravitational_parameter
     return energy_ratio, 2.0 - energy_ratio
-
-
-def semi_major_axis(radius, velocity, gravitational_parameter):
-    r"""Semi-major axis of the orbit through a point (random field, Eq. 63).
-
-        $a = \frac{\mu}{2 \mu / r - v^2}$
-
-    Args:
-        radius: r, m.
-        velocity: v, inertial, m/s.
-        gravitational_parameter: $\mu$, m^3/s^2.
-
-    Returns:
-        a, m; negative for a hyperbola, infinite for a parabola.
-    """
-    _, binding = _energy_terms(radius, velocity, gravitational_parameter)
-    parabolic = binding == 0.0
-    return np.where(parabolic, np.inf, radius / np.where(parabolic, 1.0, binding))[()]
 
 
 def apoapsis_radius(radius, velocity, flight_path_angle, gravitational_parameter):

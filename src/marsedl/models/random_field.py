@@ -24,7 +24,6 @@ __all__ = [
     "interpolate",
     "locally_periodic",
     "markov",
-    "require_positive_semidefinite",
     "root",
     "sample",
     "squared_exponential",
@@ -177,22 +176,6 @@ def covariance_matrix(kernel, points, second_points=None):
     return _evaluate(kernel, points[:, np.newaxis], second_points[np.newaxis], (len(points), len(second_points)))
 
 
-def require_positive_semidefinite(covariance, name):
-    """Reject a matrix that cannot be a covariance; errors of the size of rounding are accepted (1e-10 of its size).
-
-    Args:
-        covariance: matrix, (k, k), in units that make its entries comparable: the test is relative to the largest.
-        name: what the message calls it.
-
-    Returns:
-        The matrix as an array of floats, symmetric to the last bit.
-
-    Raises:
-        ValueError: if it is not square, finite and symmetric, or has a negative eigenvalue; the message says which.
-    """
-    return _decomposed(covariance, name)[0]
-
-
 def root(covariance):
     """Symmetric square root M = M', M M' = covariance, for samples of any Gaussian vector, singular ones included.
 
@@ -206,9 +189,9 @@ def root(covariance):
         M, (k, k), symmetric to the last bit.
 
     Raises:
-        ValueError: if the matrix is not a covariance, see `require_positive_semidefinite`.
+        ValueError: if it is not square, finite and symmetric, or has a negative eigenvalue; the message says which.
     """
-    _, eigenvalues, vectors = _decomposed(covariance, "covariance")
+    eigenvalues, vectors = _decomposed(covariance)
     quarter = vectors * np.maximum(eigenvalues, 0.0) ** 0.25
     return _symmetric(quarter @ quarter.T)
 
@@ -447,29 +430,29 @@ def _evaluate(kernel, first, second, shape):
     return covariance
 
 
-def _decomposed(covariance, name):
-    """The symmetric matrix, its eigenvalues and eigenvectors."""
+def _decomposed(covariance):
+    """Eigenvalues and eigenvectors; errors of the size of rounding are accepted (1e-10 of the largest entry)."""
     covariance = np.asarray(covariance, dtype=float)
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1] or not covariance.size:
-        raise ValueError(f"{name} must be a square matrix, not of shape {covariance.shape}")
+        raise ValueError(f"covariance must be a square matrix, not of shape {covariance.shape}")
     if not np.isfinite(covariance).all():
-        raise ValueError(f"{name} is not finite; check the kernel or data that it comes from")
+        raise ValueError("covariance is not finite; check the kernel or data that it comes from")
     largest = np.abs(covariance).max()
     asymmetry = np.abs(covariance - covariance.T).max()
     if asymmetry > _ROUNDING * largest:
         raise ValueError(
-            f"{name} is not symmetric: entries differ from their mirror images by up to {asymmetry / largest:.1e} of "
-            "the largest; use half the sum of the matrix and its transpose if it ought to be"
+            "covariance is not symmetric: entries differ from their mirror images by up to "
+            f"{asymmetry / largest:.1e} of the largest"
         )
     covariance = _symmetric(covariance)
     eigenvalues, vectors = np.linalg.eigh(covariance)
     scale = np.abs(eigenvalues).max()
     if eigenvalues[0] < -_ROUNDING * scale:
         raise ValueError(
-            f"{name} is not positive semidefinite: its smallest eigenvalue is {eigenvalues[0] / scale:.1e} of the "
+            f"covariance is not positive semidefinite: its smallest eigenvalue is {eigenvalues[0] / scale:.1e} of the "
             "largest; check the parameters of its kernel"
         )
-    return covariance, eigenvalues, vectors
+    return eigenvalues, vectors
 
 
 def _symmetric(matrix):

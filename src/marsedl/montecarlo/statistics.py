@@ -1,13 +1,15 @@
 """Estimates from samples with their standard errors, and tests of covariance matrices.
 
 Samples come first in every array: (count,) or (count, ...). Variances and covariances are unbiased (divided by count
-- 1).
+- 1). What so few samples do not determine is NaN: the error of the mean of one, the error of an extreme percentile.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+
+TAIL = 10  # samples that have to lie beyond a percentile for its standard error
 
 
 def central_moments(samples):
@@ -55,9 +57,20 @@ def merge_moments(a, b):
     return count, unless_empty(mean, mean_a, mean_b, -1), unless_empty(second, second_a, second_b, (-1, -2))
 
 
+def covariance(samples):
+    """Unbiased covariance of samples (count, n), (n, n); NaN of one."""
+    n = samples.shape[1]
+    return np.cov(samples, rowvar=False).reshape(n, n) if len(samples) > 1 else np.full((n, n), np.nan)
+
+
 def mean_standard_error(variance, count):
     """Standard error of a mean: sqrt(variance / count)."""
-    return np.sqrt(np.asarray(variance) / count)
+    return np.sqrt(np.asarray(variance) / _at_least(2, count))
+
+
+def _at_least(least, count):
+    """The count, or NaN if it is smaller."""
+    return np.where(np.asarray(count) >= least, count, np.nan)
 
 
 def variance_standard_error(variance, fourth_moment, count):
@@ -65,7 +78,7 @@ def variance_standard_error(variance, fourth_moment, count):
 
     variance: sigma^2. fourth_moment: mu4, fourth central moment (3 sigma^4 for a normal distribution). count: N.
     """
-    variance = np.asarray(variance)
+    variance, count = np.asarray(variance), _at_least(2, count)
     return np.sqrt((fourth_moment - (count - 3) / (count - 1) * variance**2) / count)
 
 
@@ -78,7 +91,9 @@ def covariance_standard_errors(samples):
     samples: (count, n). Returns (n, n); its diagonal holds the standard errors of the variances.
     """
     samples = np.asarray(samples, dtype=float)
-    count = samples.shape[0]
+    count, n = samples.shape
+    if count < 2:
+        return np.full((n, n), np.nan)
     centred = samples - samples.mean(axis=0)
     covariance = centred.T @ centred / (count - 1)
     squares = centred**2
@@ -96,12 +111,20 @@ def percentile(samples, level):
     The error is the standard deviation of the order statistics weighted by Beta(m, N - m + 1), m = floor(level N +
     1/2): exactly that of a bootstrap of the m-th order statistic with infinitely many resamples.
 
-    samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels.
+    At the end of a small sample this error is far too small. So it is NaN if fewer than `TAIL` samples lie beyond the
+    percentile: a 99th percentile has one from a thousand samples on. Without any sample the value is NaN too.
+
+    samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels, and
+    for samples that are NaN.
     """
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie within (0, 1), got {level}")
     ordered = np.sort(np.asarray(samples, dtype=float))
     count = ordered.size
+    if missing := int(np.isnan(ordered).sum()):
+        raise ValueError(f"{missing} of {count} samples are NaN: leave them out, or say on which side they count")
+    if round(count * min(level, 1.0 - level)) < TAIL:
+        return (float(np.quantile(ordered, level)) if count else np.nan), np.nan
     rank = min(max(int(level * count + 0.5), 1), count)
     weights = _order_weights(rank, count)
     # About the middle, or the difference of two large squares would lose digits.
@@ -176,19 +199,6 @@ def binomial_interval(count, trials, level=0.95):
     return np.where(none, 0.0, lower), np.where(every, 1.0, upper)
 
 
-def variance_confidence_band(variance, count, level=0.95):
-    """Chi-square confidence interval of the true variance behind a sample variance of normal samples.
-
-    variance: unbiased sample variance, any shape. count: samples. level: confidence. Returns (lower, upper).
-    """
-    from scipy import special
-
-    tail, degrees = (1.0 - level) / 2.0, count - 1
-    variance = np.asarray(variance)
-    # chdtri takes the probability of the upper tail.
-    return variance * degrees / special.chdtri(degrees, tail), variance * degrees / special.chdtri(degrees, 1.0 - tail)
-
-
 def variance_sampling_band(variance, count, level=0.95):
     """Chi-square interval that holds the sample variance of `count` normal samples whose true variance is `variance`.
 
@@ -196,7 +206,7 @@ def variance_sampling_band(variance, count, level=0.95):
     """
     from scipy import special
 
-    tail, degrees = (1.0 - level) / 2.0, count - 1
+    tail, degrees = (1.0 - level) / 2.0, _at_least(2, count) - 1
     variance = np.asarray(variance)
     return variance * special.chdtri(degrees, 1.0 - tail) / degrees, variance * special.chdtri(degrees, tail) / degrees
 
@@ -227,6 +237,8 @@ def _deviance(statistic, n):
     from scipy import special
 
     degrees = n * (n + 1) // 2
+    if np.isnan(statistic):
+        return Deviance(np.nan, degrees, np.nan)
     statistic = max(float(statistic), 0.0)  # rounding can make it negative when both matrices agree
     return Deviance(statistic, degrees, float(special.chdtrc(degrees, statistic)))
 
@@ -236,11 +248,14 @@ def wishart_deviance(sample_covariance, count, reference_covariance):
 
     D = N [tr(C^-1 S) - log det(C^-1 S) - n], asymptotically chi-square with n (n + 1) / 2 degrees of freedom.
 
-    sample_covariance: S, (n, n), symmetric. count: N. reference_covariance: C, (n, n). Returns a `Deviance`. Raises
-    ValueError for unequal shapes and for matrices that are not positive definite.
+    sample_covariance: S, (n, n), symmetric. count: N. reference_covariance: C, (n, n). Returns a `Deviance`, of NaN for
+    n samples or fewer, whose covariance is singular. Raises ValueError for unequal shapes and for matrices that are not
+    positive definite.
     """
     sample, reference = _checked_covariances(sample_covariance, reference_covariance)
     n = sample.shape[0]
+    if count <= n:
+        return _deviance(np.nan, n)
     log_ratio = _log_determinant(sample, "sample_covariance") - _log_determinant(reference, "reference_covariance")
     return _deviance(count * (np.trace(np.linalg.solve(reference, sample)) - log_ratio - n), n)
 
@@ -253,10 +268,12 @@ def two_sample_covariance_deviance(first_covariance, first_count, second_covaria
     asymptotically chi-square with n (n + 1) / 2 degrees of freedom; tends to `wishart_deviance` as N2 grows.
 
     first_covariance, second_covariance: S1, S2, (n, n), symmetric. first_count, second_count: N1, N2. Returns a
-    `Deviance`.
-    Raises ValueError for unequal shapes and for matrices that are not positive definite.
+    `Deviance`, of NaN if either sample has n members or fewer, whose covariance is singular. Raises ValueError for
+    unequal shapes and for matrices that are not positive definite.
     """
     first, second = _checked_covariances(first_covariance, second_covariance)
+    if min(first_count, second_count) <= len(first):
+        return _deviance(np.nan, len(first))
     total = first_count + second_count
     pooled = first * (first_count / total) + second * (second_count / total)
     log_pooled = _log_determinant(pooled, "the pooled covariance")

@@ -21,7 +21,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from marsedl.montecarlo.statistics import covariance_standard_errors, merge_moments, percentile
+from marsedl.montecarlo.statistics import covariance, covariance_standard_errors, merge_moments, percentile
 from marsedl.summaries import summary
 
 __all__ = [
@@ -264,13 +264,13 @@ def outcome_count(ensemble, code) -> int:
 def final_percentile(ensemble, component, level, reference=0.0):
     """Percentile of a component of the final state, less a reference, over all finite trials; its standard error.
 
-    Returns (value, standard_error); NaN if fewer than two trials are finite.
+    Returns (value, standard_error), NaN as those of `percentile`.
     """
     if is_streamed(ensemble):
         value, error = sketched_percentile(ensemble, component, level)
         return value - reference, error
     samples = ensemble.final_state[np.isfinite(ensemble.final_state).all(axis=1), component] - reference
-    return percentile(samples, level) if len(samples) > 1 else (np.nan, np.nan)
+    return percentile(samples, level)
 
 
 def final_extremes(ensemble, component):
@@ -289,6 +289,8 @@ def observed_maxima(ensemble, quantity):
 
 class FinalMoments:
     """Moments of some components of the final state, over all trials (of a streamed ensemble: all finite ones).
+
+    The variance of one trial is NaN.
 
     index: one component, or several as a slice. Those of several have the shapes (n,) and (n, n).
     """
@@ -313,7 +315,7 @@ class FinalMoments:
         """Their unbiased variance."""
         if self._streamed:
             return np.diag(self._ensemble.final_covariance)[self._index]
-        return self._samples.var(axis=0, ddof=1)
+        return self._samples.var(axis=0, ddof=1) if self.count > 1 else np.full(self._samples.shape[1:], np.nan)[()]
 
     @cached_property
     def population_deviation(self):
@@ -327,7 +329,7 @@ class FinalMoments:
         """Their unbiased covariance, (n, n)."""
         if self._streamed:
             return self._ensemble.final_covariance[self._index, self._index]
-        return np.cov(self._samples, rowvar=False)
+        return covariance(self._samples)
 
     @cached_property
     def covariance_errors(self):
@@ -338,6 +340,4 @@ class FinalMoments:
         if not self._streamed:
             return covariance_standard_errors(self._samples)
         finite_samples = self._samples[np.isfinite(self._ensemble.final_state).all(axis=1)]
-        if len(finite_samples) < 2:
-            return np.full(2 * finite_samples.shape[1:], np.nan)
         return covariance_standard_errors(finite_samples) * np.sqrt(len(finite_samples) / self.count)

@@ -41,8 +41,10 @@ _SETTINGS = {
 def new_figure(width: float = 6.4, height: float = 4.0, *, mosaic: Any = None, **grid) -> tuple[Figure, Any]:
     """Return a figure (inches) in the common style and its axes.
 
-    They are laid out by `Figure.subplots(**grid)`, or by name in the `mosaic` of `Figure.subplot_mosaic`.
+    They are laid out by `Figure.subplots(**grid)`, or by name in the `mosaic` of `Figure.subplot_mosaic`. Settings of
+    the user's own, such as those of a matplotlibrc, are dropped.
     """
+    mpl.rcdefaults()
     mpl.rcParams.update(_SETTINGS)
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(**grid) if mosaic is None else figure.subplot_mosaic(mosaic, **grid)

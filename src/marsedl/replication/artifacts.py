@@ -23,10 +23,8 @@ import errno
 import functools
 import hashlib
 import json
-import math
 import os
-import socket
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,10 +37,7 @@ from marsedl.replication.errors import ArtifactError, nearest
 from marsedl.replication.recipes import FORMAT, recipe_changes, recipe_digest
 from marsedl.summaries import value_range
 
-LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
 COMPRESS_ABOVE_BYTES = 64 * 2**10
-LARGEST_FROM_FILE = (16 * 2**20, 100)  # bytes of all values of a file: so many, and so many times the file's own
-DEFLATE_LIMIT = 1100  # deflate shrinks at most 1032-fold: whatever claims more is damaged
 
 REBUILD = "delete it and run snakemake again: it is rebuilt"
 PROVENANCE = "provenance"
@@ -56,10 +51,6 @@ _JSON_MARK = "json:"
 _BARE = b"This is a netCDF dimension but not a netCDF variable.%10d"  # what netCDF calls a scale without values
 _SEAL = b"marsedl:sha256:"  # behind HDF5's own end of file, followed by the checksum of all bytes before it
 _SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_HEAD_BYTES = 48  # of HDF5's oldest format, up to the address of the file's end
-# Filters that are part of every HDF5; for others it would look for libraries to load.
-_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 
 class Axis(int):
@@ -321,7 +312,6 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
     image = _file_image(path, artifact, arrays, paper, reading, provenance)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_stale_partials(path)
         _replace(path, image)
     except OSError as error:
         raise _writing_error(path, error) from error
@@ -334,24 +324,17 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     fields and more; paper, reading: whose it must be (None: anyone's)
 
     Raises ArtifactError naming file, field and remedy for a file that is missing, damaged, of another type, paper,
-    reading or layout, or whose fields do not fit their declarations. Links and data outside of the file are not
-    followed.
+    reading or layout.
     """
     path = Path(path)
     with opened(path) as file:
         subclasses = {kind.__name__: kind for kind in artifact_type.__subclasses__()}
         artifact_type = subclasses.get(file.attrs.get("artifact"), artifact_type)
         _check_identity(path, file, artifact_type, paper, reading)
-        declared = quantities(artifact_type)
-        valid_names = {PROVENANCE, *declared, *layout(artifact_type).added}
-        for name in file:
-            if name not in valid_names:
-                raise _refusal(path, f"{_short(name)} is not a field of {artifact_type.__name__}")
-        fields = {name: _field(path, file, name, declared[name].dtype) for name in declared}
-        _check_shapes(path, artifact_type, {name: field.shape for name, field in fields.items()}, REBUILD)
-        check_size(path, fields.values())
-        arrays = {name: _read_field(path, field, declared[name].dtype) for name, field in fields.items()}
-    _check_values(path, artifact_type, arrays, REBUILD)
+        arrays = {}
+        for name, declared in quantities(artifact_type).items():
+            text = declared.dtype == "str"
+            arrays[name] = _as_text(np.asarray(file[name].asstr()[()])) if text else np.asarray(file[name][()])
     return _of_arrays(artifact_type, arrays)
 
 
@@ -392,10 +375,10 @@ def check_recipe(path: str | Path, recipe: Mapping[str, Any], paper: str, readin
     path = Path(path)
     with opened(path) as file:
         _check_owner(path, file, _short(file.attrs.get("artifact")).strip("'"), paper, reading)
-        group = member(path, file, PROVENANCE, h5py.Group)
+        group = file[PROVENANCE]
         if group.attrs.get("recipe") == recipe_digest(recipe):
             return
-        stored = _read_provenance(path, group)
+        stored = _read_provenance(group)
         changes = "; ".join(recipe_changes(stored, recipe))
         raise _refusal(path, f"comes from another build, of size {_short(stored.get('size'))}: {changes}")
 
@@ -409,50 +392,12 @@ def provenance(path: str | Path) -> dict[str, Any]:
     """The provenance items with which an artifact was saved (tuples as lists). Raises ArtifactError as `load` does."""
     path = Path(path)
     with opened(path) as file:
-        return _read_provenance(path, member(path, file, PROVENANCE, h5py.Group))
-
-
-def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
-    """All values of a dataset that lies wholly inside its file and whose declared size is plausible.
-
-    Raises ArtifactError naming file and dataset otherwise.
-    """
-    _check_stored(path, dataset)
-    return np.asarray(dataset[()])
+        return _read_provenance(file[PROVENANCE])
 
 
 def holds_field(file: h5py.File, name: str) -> bool:
     """Whether a file holds a field of this name, and not only what is known of a dimension."""
-    return isinstance(file.get(name, getlink=True), h5py.HardLink) and "dimensions" in file[name].attrs
-
-
-def check_size(path: Path, datasets: Iterable[h5py.Dataset]) -> None:
-    """Raise ArtifactError if the values of a file's datasets would take far more memory than the file is large."""
-    values = sum(math.prod(dataset.shape or ()) * dataset.dtype.itemsize for dataset in datasets)
-    least, times = LARGEST_FROM_FILE
-    if values > least + times * path.stat().st_size:
-        raise _refusal(path, f"declares {values} bytes of values in a file of {path.stat().st_size} bytes")
-
-
-def _check_stored(path: Path, dataset: h5py.Dataset) -> None:
-    """Raise ArtifactError unless a dataset lies wholly inside its file and stores what its shape declares."""
-    name = dataset.name.lstrip("/")
-    creation = dataset.id.get_create_plist()
-    if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
-        raise _refusal(path, f"field '{name}' takes its values from another file: such links are not followed")
-    filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
-    if foreign := sorted(filters - set(_FILTERS)):
-        raise _refusal(path, f"field '{name}' went through the filter {foreign[0]}, which is not accepted")
-    if dataset.shape is None:
-        raise _refusal(path, f"field '{name}' holds no value")
-    declared = math.prod(dataset.shape) * dataset.dtype.itemsize
-    stored = min(dataset.id.get_storage_size(), path.stat().st_size)
-    plausible = stored
-    if dataset.chunks:
-        declared = max(declared, math.prod(dataset.chunks) * dataset.dtype.itemsize)
-        plausible = DEFLATE_LIMIT * stored + COMPRESS_ABOVE_BYTES
-    if declared > min(plausible, LARGEST_BYTES):
-        raise _refusal(path, f"field '{name}' declares {declared} bytes of values but the file stores {stored}")
+    return name in file and "dimensions" in file[name].attrs
 
 
 @contextmanager
@@ -479,23 +424,6 @@ def opened(path: str | Path) -> Iterator[h5py.File]:
             raise
         except Exception as error:
             raise _refusal(path, f"is damaged ({_first_line(error)})") from error
-
-
-def member(path: Path, group: h5py.Group, name: str, kind: type | tuple[type, ...]) -> Any:
-    """The dataset or group `name` that lies in `group` itself.
-
-    Raises ArtifactError if there is none, if it is of another kind, or if it is a soft or external link: links are
-    never followed.
-    """
-    link = group.get(name, getlink=True)
-    if link is None:
-        raise _refusal(path, f"field '{name}' is missing")
-    if not isinstance(link, h5py.HardLink):
-        raise _refusal(path, f"field '{name}' is a link to somewhere else ({type(link).__name__}): it is not followed")
-    node = group[name]
-    if not isinstance(node, kind):
-        raise _refusal(path, f"field '{name}' is unexpectedly a {type(node).__name__.lower()}")
-    return node
 
 
 # ---------------------------------------------------------------------------------------------------------- checking
@@ -691,35 +619,14 @@ def _write_provenance(path: Path, group: h5py.Group, items: dict[str, Any]) -> N
 
 
 def _partial_path(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.partial")
-
-
-def _remove_stale_partials(path: Path) -> None:
-    """Remove the partial files of `path` that killed processes of this machine left."""
-    prefix = f".{path.name}.{socket.gethostname()}."
-    for partial in path.parent.iterdir():
-        owner = partial.name.removeprefix(prefix).removesuffix(".partial")
-        if f"{prefix}{owner}.partial" == partial.name and owner.isdigit() and not _other_process_runs(int(owner)):
-            partial.unlink(missing_ok=True)
-
-
-def _other_process_runs(process: int) -> bool:
-    if process == os.getpid():
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+    return path.with_name(f".{path.name}.partial")
 
 
 def _replace(path: Path, image: bytes) -> None:
     """Write a partial file beside `path`, flush it to disk, and only then rename it."""
     partial = _partial_path(path)
     try:
-        with partial.open("xb") as stream:
+        with partial.open("wb") as stream:
             stream.write(image)
             stream.flush()
             os.fsync(stream.fileno())
@@ -761,22 +668,9 @@ def _check_seal(path: Path) -> None:
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): remove the cause and run again") from error
     if not seal.startswith(_SEAL):
-        raise _refusal(path, _reason_without_seal(path))
+        raise _refusal(path, "is truncated or damaged, or was edited with other tools after it was written")
     if seal != _SEAL + hasher.digest():
         raise _refusal(path, "is damaged: its bytes differ from what was written")
-
-
-def _reason_without_seal(path: Path) -> str:
-    """Why a file has no seal, judged by its first bytes."""
-    with path.open("rb") as stream:
-        head = stream.read(_HEAD_BYTES)
-    if len(head) < _HEAD_BYTES or not head.startswith(_SIGNATURE):
-        return "is truncated, damaged or not an HDF5 file"
-    # The oldest file format, which `save` writes, holds the address of the file's end here.
-    end = int.from_bytes(head[-8:], "little")
-    if head[len(_SIGNATURE)] == 0 and path.stat().st_size < end:
-        return f"is truncated: {path.stat().st_size} bytes are left of {end}"
-    return "was edited with other tools after it was written, or its end is cut off"
 
 
 def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str | None, reading: str | None) -> None:
@@ -799,30 +693,7 @@ def _check_owner(path: Path, file: h5py.File, name: str, paper: str | None, read
             raise _refusal(path, f"artifact {name} is of the {key} {_short(owner)}, not {expected!r}")
 
 
-def _field(path: Path, file: h5py.File, name: str, dtype: str) -> h5py.Dataset:
-    """A field whose values can be read: they are of the declared type, and stored in the file."""
-    dataset = member(path, file, name, h5py.Dataset)
-    if dtype == "str":
-        text = h5py.check_string_dtype(dataset.dtype)
-        has_type = text is not None and text.length is None
-    else:
-        # A bool is an enumeration to HDF5, another one is not a number here.
-        enumeration = dtype != "bool" and h5py.check_enum_dtype(dataset.dtype)
-        has_type = dataset.dtype == np.dtype(_STORED_DTYPES[dtype]) and not enumeration
-    if not has_type:
-        raise _refusal(path, f"field '{name}' is of type {dataset.dtype}, not {dtype}")
-    _check_stored(path, dataset)
-    return dataset
-
-
-def _read_field(path: Path, dataset: h5py.Dataset, dtype: str) -> np.ndarray:
-    try:
-        return _as_text(np.asarray(dataset.asstr()[()])) if dtype == "str" else np.asarray(dataset[()])
-    except Exception as error:
-        raise _refusal(path, f"field '{dataset.name.lstrip('/')}' cannot be read ({_first_line(error)})") from error
-
-
-def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:
+def _read_provenance(group: h5py.Group) -> dict[str, Any]:
     items: dict[str, Any] = {}
     for key, value in group.attrs.items():
         if isinstance(value, str) and value.startswith(_JSON_MARK):
@@ -830,7 +701,7 @@ def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:
         else:
             items[key] = value.item() if isinstance(value, np.generic) else value
     for name in group:
-        items[name] = _read_provenance(path, member(path, group, name, h5py.Group))
+        items[name] = _read_provenance(group[name])
     return items
 
 

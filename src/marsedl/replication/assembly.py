@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Paper, Stage
 from marsedl.replication.claims import read_claims
@@ -190,7 +192,7 @@ def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> lis
 def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     """What differs on other machines, one row for each, the first row the header; empty if nothing was measured.
 
-    machines: the table of `replication.machines`.
+    machines: the table of `bench/machines.py`.
     """
     if not machines:
         return []
@@ -212,7 +214,7 @@ def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
 def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     """The worst margin of every artifact on every other machine, in tolerances; the first row is the header.
 
-    machines: the table of `replication.machines`; empty if nothing was measured, and so is the result.
+    machines: the table of `bench/machines.py`; empty if nothing was measured, and so is the result.
     """
     rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
     names = list(dict.fromkeys(row["machine"] for row in rows))
@@ -275,7 +277,7 @@ def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
 
         def values(*names):
             present = next((name for name in names if artifacts.holds_field(file, name)), None)
-            return artifacts.read_array(path, file[present]).ravel().tolist() if present else []
+            return np.asarray(file[present][()]).ravel().tolist() if present else []
 
         for name in sorted(file):
             prefix, _, last = name.rpartition("_")

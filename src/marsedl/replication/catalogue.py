@@ -96,8 +96,8 @@ class Paper:
     `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
     that shows it.
     `closeups` are plots of the report that a reader can look into.
-    A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
-    numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same. The claims
+    Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
+    compare across machines. The claims
     of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
     """
 

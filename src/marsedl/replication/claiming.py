@@ -331,8 +331,11 @@ def _doubt(measure, compare, limit, passed, room, error) -> tuple[str, float]:
     if limit.soft is not None:
         varied = [np.broadcast_to(compare(measure.value, limit.at(factor)), room.shape) for factor in (0.5, 2.0)]
         by_words = (varied[0] != passed) | (varied[1] != passed)
-    if np.any(~passed & ~by_noise & ~by_words):  # one entry fails for certain
+    without_error = np.isfinite(room) & np.isnan(error)
+    if np.any(~passed & ~by_noise & ~by_words & ~without_error):  # one entry fails for certain
         return "", 1.0
+    if without_error.any():
+        return f"'{measure.name}' has no standard error with so few trials", 1.0
     if by_words.any():
         return f"half or twice the threshold would turn the test of '{measure.name}'", 1.0
     if by_noise.any():
@@ -348,7 +351,7 @@ def _margin(measure, passed, room, value, limits, error) -> Mapping | None:
     scale = np.where(error > 0, error, np.where(limits != 0, np.abs(limits), np.abs(value)))
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.abs(room) / scale
-    distance = np.where(np.isfinite(distance) & (passed == passed.all()), distance, np.nan)
+    distance = np.where(np.isfinite(distance + error) & (passed == passed.all()), distance, np.nan)
     if np.isnan(distance).all():
         return None
     at = np.unravel_index(np.nanargmin(distance) if passed.all() else np.nanargmax(distance), distance.shape)

@@ -440,7 +440,7 @@ def _result(claim: PublishedClaim, evaluation: Evaluation, judgement: Judgement)
 
 
 def _smaller(claim, declaration, evaluation, other: Evaluation | None) -> dict[str, Any] | None:
-    """Return what fewer trials give, if they are fewer; nothing where the measure is stored of all trials alone."""
+    """Return the result recomputed with fewer trials, or None if that is impossible or no different."""
     if other is None or other.trials is None or other.trials == evaluation.trials:
         return None
     judgement = judge(claim, other, declaration)
@@ -520,6 +520,9 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Close | None) 
     verdicts = [part.verdict for part in parts.values()]
     verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
     deciding = [part for part in parts.values() if part.verdict == verdict]
+    if any(part.margin is None for part in deciding):
+        components = _nested(claim.printed, {index: part.verdict for index, part in parts.items()})
+        return Judgement(verdict, None, components, None, "so few trials give no standard error")
     nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.margin["distance"])
     more = max((part.more for part in deciding), default=1.0) if verdict == "undetermined" else 1.0
     doubt = "our sampling error decides" if verdict == "undetermined" else ""
@@ -539,7 +542,7 @@ class _Component(NamedTuple):
 
     verdict: str
     z: float
-    margin: dict[str, Any]
+    margin: dict[str, Any] | None  # None: without a standard error
     more: float = 1.0  # so many times our trials would decide
 
 
@@ -549,6 +552,8 @@ def _component(difference, half, error, paper_error, bound, printed) -> _Compone
     half: of the last printed digit; error, paper_error: standard errors of our number and of the paper's; bound: of
     what is close, or nothing.
     """
+    if math.isnan(error):
+        return _Component("undetermined", 0.0, None)
     combined = math.hypot(error, paper_error)
     size = abs(difference)
     # A number exactly on the rounding edge may be off by its own floating-point noise.
@@ -598,7 +603,7 @@ def _standard_errors(claim, evaluation, values, refuse) -> dict:
     errors = _flatten(evaluation.standard_error)
     if errors.keys() != values.keys():
         raise refuse("the standard error does not have the shape of the value")
-    if not all(_is_number(error) and math.isfinite(error) and error >= 0 for error in errors.values()):
+    if not all(_is_number(error) and (0 <= error < math.inf or math.isnan(error)) for error in errors.values()):
         raise refuse(f"a standard error must be finite and not negative, found {evaluation.standard_error!r}")
     if not _is_number(evaluation.trials) or evaluation.trials < 1:
         raise refuse(f"the number of trials must be positive, found {evaluation.trials!r}")

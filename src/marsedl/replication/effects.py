@@ -17,6 +17,7 @@ from marsedl.replication.claims import (
     COUNTED_VERDICTS,
     DEFAULT_READING,
     REFUTED_VERDICTS,
+    STANDING_VERDICTS,
     UNDECIDED,
     format_number,
     format_result,
@@ -75,9 +76,10 @@ class Change:
     else the measure that decides a statement. `component` are the indices of one number of a row, from 0, and empty for
     a single number. `before` and `after` are the values in the reading `against` and in `reading`, `difference` is
     `after - before`, `error` its standard error (0 without sampling, and at most this where readings share random
-    numbers); all have the unit `unit`. `size` is the difference in units of what is beyond doubt: three standard errors
-    and half a printed digit for a printed number; three standard errors for a sampled measure, and its distance from
-    its limit for another. Above 1 it counts. `equal_trials`: whether both rest on as many trials (or on none).
+    numbers); all have the unit `unit`. `size` is |difference| divided by what noise and rounding could explain: three
+    standard errors and half a printed digit for a printed number; three standard errors for a sampled measure, and its
+    distance from its limit for another. A change counts if it exceeds 1. `equal_trials`: whether both rest on as many
+    trials (or on none).
     """
 
     claim: str
@@ -228,13 +230,20 @@ def shown(row: Row, reading: str | None = None) -> str:
     return line if len(set(units)) > 1 else _with_unit(line, units[0])
 
 
-def why(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str] | None = None) -> str:
+def why(
+    row: Row,
+    titles: Mapping[str, str],
+    meanings: Mapping[str, str] | None = None,
+    moves: Mapping[str, float] | None = None,
+) -> str:
     """Return why a verdict is what it is, in one line.
 
     Args:
         row: a row of verdicts.
         titles: titles of errata by id.
         meanings: what inputs are, in words, by name; where a claim names nothing but an input, it stands for the name.
+        moves: how far each cause that the claim names moves its number, see `causes`; what moves it most comes first,
+            what does not move it is not shown, and what no reading tells comes last.
 
     Returns:
         A line of about `MOST_WORDS` words; empty for what is not counted, other than what cannot fail.
@@ -247,7 +256,7 @@ def why(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str] | None 
     if verdict == UNDECIDED:
         return _cut(_short_doubt(result.get("doubt", "")))
     if verdict in REFUTED_VERDICTS:
-        return _cause(row, titles, meanings or {}) or _outside(row, margin)
+        return _cause(row, titles, meanings or {}, moves or {}) or _outside(row, margin)
     if verdict == "close":
         return _tolerance(row["close"])
     if verdict == "reproduced":
@@ -257,12 +266,16 @@ def why(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str] | None 
     return ""
 
 
-def _cause(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str]) -> str:
-    """The errata or the unprinted inputs that a claim names, as many as fit into a line."""
-    named = [titles[name] for name in row["errata"] if titles.get(name)]
+def _cause(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str], moves: Mapping[str, float]) -> str:
+    """The errata or the unprinted inputs that a claim names and that move its number, as many as fit into a line."""
+
+    def moving(names: Iterable[str]) -> list[str]:
+        return sorted((name for name in names if moves.get(name, 1.0) > 0.0), key=lambda name: -moves.get(name, 0.0))
+
+    named = [titles[name] for name in moving(row["errata"]) if titles.get(name)]
     if named:
         return _first_of(named)
-    withheld = [_label(text, meanings) for text in row["withheld"]]
+    withheld = [_label(text, meanings) for text in moving(row["withheld"])]
     return _first_of(withheld, "not printed: ") if withheld else ""
 
 
@@ -522,12 +535,17 @@ def _largest(effect: ErratumEffect) -> float:
     return max((change.size for change in effect.headline), default=0.0)
 
 
+def _kept_pairs(erratum: Erratum, readings: Mapping[str, ReadingEntry]) -> list[tuple[str, str]]:
+    """Readings that keep an erratum, each with the nearest of its bases that does not."""
+    bases = {
+        name: next((base for base in _lineage(name, readings) if base not in erratum.kept_by), None)
+        for name in erratum.kept_by
+    }
+    return [(name, against) for name, against in bases.items() if against]
+
+
 def _erratum_effect(rows: Sequence[Row], erratum: Erratum, readings: Mapping[str, ReadingEntry]) -> ErratumEffect:
-    pairs = []
-    for name in erratum.kept_by:
-        against = next((base for base in _lineage(name, readings) if base not in erratum.kept_by), None)
-        if against:
-            pairs.append((name, against))
+    pairs = _kept_pairs(erratum, readings)
     if not pairs:
         return ErratumEffect(erratum.id, erratum.title, NOT_ISOLATED)
     headline = _headline(rows)
@@ -559,6 +577,58 @@ def _erratum_effect(rows: Sequence[Row], erratum: Erratum, readings: Mapping[str
         tuple(no_result),
         tuple(verdicts),
     )
+
+
+def causes(
+    rows: Sequence[Row], errata: Iterable[Erratum], inputs: Sequence[InputEntry], readings: Sequence[ReadingEntry]
+) -> dict[str, dict[str, float]]:
+    """Return how far each cause that a refuted claim names moves its number towards what is printed.
+
+    A cause is moved in its own readings: those that keep an erratum, or that vary unprinted inputs alone.
+
+    Args:
+        rows: the rows of verdicts of one paper.
+        errata: those of its catalogue.
+        inputs: its inputs, with their values in all readings.
+        readings: its readings.
+
+    Returns:
+        By claim and cause (id of an erratum, or text on withheld inputs) the largest change, as `Change.size`; infinite
+        if the claim then stands, 0 if no reading moves the number beyond rounding and sampling error, or only away. A
+        cause that no reading tells anything of is left out.
+
+    """
+    by_name = {reading.name: reading for reading in readings}
+    pairs = {erratum.id: _kept_pairs(erratum, by_name) for erratum in errata}
+    pairs |= {text: varied for text, (_, varied, together) in _withheld(rows, inputs, by_name).items() if not together}
+    moved: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row["verdict"] in REFUTED_VERDICTS:
+            sizes = {name: _towards(row, pairs.get(name, ())) for name in (*row["errata"], *row["withheld"])}
+            moved[row["id"]] = {name: size for name, size in sizes.items() if size is not None}
+    return moved
+
+
+def _towards(row: Row, pairs: Iterable[tuple[str, str]]) -> float | None:
+    """How far the number of a claim moves towards what is printed in the first of these readings; None without any."""
+    compared = [pair for pair in pairs if _samples(row, pair[0]) and _samples(row, pair[1])]
+    # A change beside the default reading says more than one beside another.
+    compared = [pair for pair in compared if pair[1] == DEFAULT_READING] or compared
+    sizes = []
+    for name, against in compared:
+        verdict = _verdict_change(row, name, against)
+        stands = verdict is not None and verdict.after in STANDING_VERDICTS and verdict.before in REFUTED_VERDICTS
+        changes = [change for change in _changes(row, name, against) if change.counts and _is_towards(row, change)]
+        sizes.append(math.inf if stands else max((change.size for change in changes), default=0.0))
+    return max(sizes, default=None)
+
+
+def _is_towards(row: Row, change: Change) -> bool:
+    if row["kind"] == "qualitative":
+        limit = row["readings"][change.against]["margin"]["limit"]
+        return limit is not None and (limit - change.before) * change.difference > 0.0
+    printed = _leaves(row["printed"]).get(change.component)
+    return printed is not None and abs(change.after - printed) < abs(change.before - printed)
 
 
 def deciding(
@@ -648,10 +718,9 @@ def open_inputs(rows: Sequence[Row], inputs: Sequence[InputEntry], readings: Seq
     """
     by_name = {reading.name: reading for reading in readings}
     entries = {entry.name: entry for entry in inputs}
-    assumed = {name for name, entry in entries.items() if is_assumed(entry.values[DEFAULT_READING])}
-    groups = {text: _named_inputs(text, entries) for row in rows for text in row["withheld"]}
-    labelled = {name for names in groups.values() for name in names}
-    varied = {text: _varied(names, inputs, by_name, assumed, labelled) for text, names in groups.items()}
+    named = _withheld(rows, inputs, by_name)
+    groups, varied = {text: one[0] for text, one in named.items()}, {text: one[1:] for text, one in named.items()}
+    assumed, labelled = _assumed(inputs), {name for names in groups.values() for name in names}
     together: dict[Any, list[str]] = {}
     for name in (name for name in entries if name in assumed - labelled):
         pairs, _ = _varied((name,), inputs, by_name, assumed, labelled)
@@ -662,6 +731,18 @@ def open_inputs(rows: Sequence[Row], inputs: Sequence[InputEntry], readings: Seq
     number = _deciding_number(rows, readings)
     open_ones = [_open_input(text, names, entries, *varied[text], number, refuted) for text, names in groups.items()]
     return sorted(open_ones, key=lambda one: (-one.named, -max((change.size for change in one.changes), default=0.0)))
+
+
+def _assumed(inputs: Sequence[InputEntry]) -> set[str]:
+    return {entry.name for entry in inputs if is_assumed(entry.values[DEFAULT_READING])}
+
+
+def _withheld(rows: Sequence[Row], inputs: Sequence[InputEntry], readings: Mapping[str, ReadingEntry]) -> dict:
+    """By the texts of what claims name as withheld: the inputs, and what `_varied` returns of them."""
+    names = {entry.name: entry for entry in inputs}
+    groups = {text: _named_inputs(text, names) for row in rows for text in row["withheld"]}
+    labelled, assumed = {name for group in groups.values() for name in group}, _assumed(inputs)
+    return {text: (group, *_varied(group, inputs, readings, assumed, labelled)) for text, group in groups.items()}
 
 
 def _open_input(text, names, entries, pairs, together, number, refuted) -> OpenInput:

@@ -9,7 +9,6 @@ import inspect
 import json
 import re
 import typing
-import unicodedata
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,13 +18,10 @@ from pydantic import ValidationError
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.sections import KNOWN_SUFFIXES, Inputs
 from marsedl.replication.strict_yaml import Lined, read_yaml
-from marsedl.replication.terminal import printable
 
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
-MOST_READINGS = 200  # of a user's own, of one paper
+READ_AS_MISSING = ("nan", "null")  # by pandas, in tables; it is not imported here, which takes time
 SETTINGS = ("size", "chunks")  # at the top of a user's configuration, beside the papers
-LONGEST_REASON = 5000  # characters of a message
-INVISIBLE_LETTERS = "\u115f\u1160\u3164\uffa0"  # letters to Unicode, blank to a reader
 MOST_CHUNKS = 100_000
 ABOUT = ("summary", "based_on", "frozen")  # what a reading has beside sections
 
@@ -108,9 +104,6 @@ class _Place:
         return ": ".join([where, ".".join(self.keys)] if self.keys else [where])
 
 
-_PRODUCTS = (".png", ".pdf", ".csv", ".md", ".html", ".h5")  # what a target of the workflow ends in
-
-
 @dataclass(frozen=True)
 class _Written:
     """A reading as it stands in a file."""
@@ -122,17 +115,13 @@ class _Written:
 def read_own_file(path: Path, keys: typing.Iterable[str]) -> dict:
     """Read a user's own configuration: keys with values, and only the known ones at its top.
 
-    Snakemake reads such a file too, and would run code under `__use_yte__` in it. Every reader calls this first, so
-    that all reject the same files with the same message.
+    Every reader calls this, so that all reject the same files with the same message.
     """
-    name, order = printable(str(path)), "write targets before --configfile, not after it"
-    if path.suffix in _PRODUCTS:
-        raise InputError(f"{name}: is not a configuration; {order}")
-    document = read_yaml(path, f"check its path and permissions; {order}")
+    document = read_yaml(path, "check its path and permissions")
     if not isinstance(document, dict):
         what = "nothing" if document is None else shown(document)
-        raise InputError(f"{name}: must be keys with values, not {what}; begin with one of {', '.join(keys)}")
-    return _mapping(document, _Place(name, document), keys)
+        raise InputError(f"{path}: must be keys with values, not {what}; begin with one of {', '.join(keys)}")
+    return _mapping(document, _Place(str(path), document), keys)
 
 
 def load_study(
@@ -169,7 +158,7 @@ def load_study(
     if overlay is not None:
         own_place = _Place(overlay_name, overlay_document) / paper
         body = _mapping(overlay, own_place, {"readings"}, required={"readings"})
-        for name, reading in _own_readings(body["readings"], own_place / "readings").items():
+        for name, reading in _readings(body["readings"], own_place / "readings").items():
             if name in bodies:
                 raise InputError(
                     f"{reading.place}: the name belongs to a reading of {bodies[name].place.origin}; "
@@ -243,10 +232,9 @@ def load_studies(
     """
     keys = (*models, *SETTINGS)
     documents = [read_own_file(path, keys) for path in config_files]
-    origin = ", ".join(printable(str(path)) for path in config_files) or "--config"
-    document = (
-        documents[0] if len(documents) == 1 else None
-    )  # of several, Snakemake does not tell which one a key is of
+    origin = ", ".join(map(str, config_files)) or "--config"
+    # Of several files, Snakemake does not tell which one a key is of.
+    document = documents[0] if len(documents) == 1 else None
     place = _Place(origin, document)
     _mapping(config, place, keys)
     chunks = config.get("chunks")
@@ -274,16 +262,6 @@ def _check_chunks(number: object, place: _Place) -> None:
 
 def _readings(bodies: object, place: _Place) -> dict[str, _Written]:
     return {name: _Written(place / name, body) for name, body in _mapping(bodies, place).items()}
-
-
-def _own_readings(bodies: object, place: _Place) -> dict[str, _Written]:
-    readings = _readings(bodies, place)
-    if len(readings) > MOST_READINGS:
-        raise InputError(
-            f"{place}: {len(readings)} readings are more than {MOST_READINGS}; "
-            "write several files and run them one after the other"
-        )
-    return readings
 
 
 def _size(sizes, place, size, model, readings) -> tuple[dict[str, dict], set[str]]:
@@ -357,11 +335,8 @@ def _base(name: str, bodies: dict[str, _Written], model: type[Inputs]) -> str | 
         raise InputError(
             f"{place}: a reading's name is lower case letters, digits and _, at most 40 of them; rename it"
         )
-    if periodic := re.search(r"(.+?)\1{19,}$", name):
-        raise InputError(
-            f"{place}: the name ends in {periodic[1]!r} repeated, which Snakemake takes for a rule that needs "
-            "itself; rename it"
-        )
+    if name in READ_AS_MISSING:
+        raise InputError(f"{place}: pandas reads the name {name!r} in a table as no value; rename it")
     _check_keys(_mapping(body, place), place, model)
     based_on = body.get("based_on")
     if based_on is None:
@@ -376,17 +351,9 @@ def _base(name: str, bodies: dict[str, _Written], model: type[Inputs]) -> str | 
 def _check_keys(body: dict, place: _Place, model: type[Inputs]) -> None:
     """Reject unknown sections; the message names the section to which a misplaced input belongs."""
     sections = model.sections()
-    for key, value in body.items():
+    for key in body:
         if key in sections or key in ABOUT:
             continue
-        if key == "inputs":  # as readings were written before there were sections
-            names = [name for name in (value if isinstance(value, dict) else ()) if _section_of(name, model)]
-            name = names[0] if names else next(iter(next(iter(sections.values())).keys()))
-            section = _section_of(name, model)
-            raise InputError(
-                f"{place / key}: inputs stand in sections; write '{section}: {{{name}: ...}}' in its place "
-                f"(sections: {', '.join(sections)})"
-            )
         if section := _section_of(key, model):
             raise InputError(f"{place / key}: stands in the section '{section}'; write '{section}: {{{key}: ...}}'")
         raise InputError(f"{place / key}: unknown key; {nearest(key, [*sections, *ABOUT])}")
@@ -403,7 +370,6 @@ def _reading(name: str, source_body: _Written, resolved: dict[str, Reading], mod
     summary, based_on, frozen = body.get("summary", ""), body.get("based_on"), body.get("frozen", "")
     if not isinstance(summary, str):
         raise InputError(f"{place / 'summary'}: must be a sentence, not {shown(summary)}")
-    _check_characters(summary, place / "summary")
     if not isinstance(frozen, str):
         raise InputError(f"{place / 'frozen'}: must be the digest of the reading's inputs, not {shown(frozen)}")
     sources = dict(resolved[based_on].sources) if based_on else {}
@@ -472,8 +438,6 @@ def _validated(values: dict[str, object], sources: dict[str, Source], place: _Pl
             input_place = place / section / source.key if source else place / section
             value_in_file = f" (given: {shown(source.written)})" if source else ""
             message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
-            # What a validator says of a file may hold whatever stands in its name.
-            message = printable(message[:LONGEST_REASON])
             raise InputError(f"{input_place}: {message}{value_in_file}{_number_hint(first['input'])}") from None
     for check in model.CHECKS:
         try:
@@ -527,23 +491,10 @@ def _accepted_key(
 
 
 def _check_source(source, place) -> None:
-    if not isinstance(source, str) or not _visible(source):
+    if not isinstance(source, str) or not any(map(str.isalnum, source)):
         raise InputError(f"{place / 'source'}: say where the value comes from, or 'assumed: why'")
-    _check_characters(source, place / "source")
-    if source.startswith("assumed") and not (re.match(r"assumed: \S", source) and _visible(source[len("assumed: ") :])):
+    if source.startswith("assumed") and not re.match(r"assumed: .*\w", source):
         raise InputError(f"{place / 'source'}: write 'assumed: ' and the reason")
-
-
-def _visible(text: str) -> bool:
-    """Whether a text has a visible letter or digit."""
-    return any(c.isalnum() and c not in INVISIBLE_LETTERS for c in text)
-
-
-def _check_characters(text, place) -> None:
-    """Reject what no file or terminal can show: control characters and lone surrogates."""
-    unfit = next((c for c in text if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs")), None)
-    if unfit is not None:
-        raise InputError(f"{place}: has the character {unfit!r}, which cannot be shown; remove it")
 
 
 def _scaled(value, factor, place):
@@ -557,10 +508,7 @@ def _scaled(value, factor, place):
 def _scaled_number(value, factor, place):
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{place}: must be a number, not {shown(value)}")
-    try:
-        return value * factor
-    except OverflowError:  # of a whole number with more than 308 digits
-        raise InputError(f"{place}: {shown(value)} is too large") from None
+    return value * factor
 
 
 def _bare(name: object) -> str:

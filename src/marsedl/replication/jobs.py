@@ -5,6 +5,7 @@ import errno
 import functools
 import inspect
 import os
+import platform
 import sys
 import traceback
 import typing
@@ -28,13 +29,8 @@ NUMERIC_ENVIRONMENT = {
     "MPLBACKEND": "agg",
     "PYDANTIC_DISABLE_PLUGINS": "__all__",
 }
-# What of it, and beside it, says which instructions are used. It is not pinned if UNPINNED is set, so that this machine
-# can pretend to be another one, see replication/machines.py; threads, seeds and dates are pinned all the same.
-INSTRUCTION_SETS = (
-    *("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES"),
-    *("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES"),
-)
-UNPINNED = "MARSEDL_UNPINNED"
+# Variables beside these that choose instruction sets or the way kernels are compiled: a shell's do not reach jobs.
+_OF_A_SHELL = ("NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES")
 _OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
 # Errors of the system that the code does not cause, with the remedy.
 OUTSIDE = {
@@ -47,42 +43,44 @@ def pin_numerics(root: Path) -> None:
     """Set the numeric environment of this process and its children; call it before numpy is imported.
 
     root: the project's folder, which also holds the cache of compiled kernels.
+
+    Raises MarsedlError if this processor cannot run the pinned instruction set, or if a file has settings of numba.
     """
     from marsedl.replication import kernels
     from marsedl.replication.code_digest import remembered_digests
 
-    if not os.environ.get(UNPINNED):
-        for name in INSTRUCTION_SETS:  # what the pinned ones leave open is not for the caller's shell to say
-            os.environ.pop(name, None)
-    os.environ.update(_pinned())
+    _check_processor()
+    if Path(".numba_config.yaml").exists():
+        raise MarsedlError(f"{Path('.numba_config.yaml').absolute()}: numba would read it in every job; move it away")
+    for name in [name for name in os.environ if name.startswith("NUMBA_") or name in _OF_A_SHELL]:
+        del os.environ[name]
+    os.environ.update(NUMERIC_ENVIRONMENT)
     os.environ.setdefault("PYTHONHASHSEED", "0")
-    if not os.environ.get(UNPINNED) and (features := kernels.vector_features()):
+    if features := kernels.vector_features():
         os.environ["NUMBA_CPU_FEATURES"] = features
     os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).kernels()))
     os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 
 
+def _check_processor() -> None:
+    """Raise MarsedlError if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL."""
+    from llvmlite.binding import get_host_cpu_features
+
+    features = get_host_cpu_features()
+    if platform.machine() == "x86_64" and not (features.get("avx2") and features.get("fma")):
+        raise MarsedlError(
+            "this processor, or the virtual machine's, has no AVX2 and FMA, which linear algebra is pinned to: run on "
+            "one that has, or let the virtual machine pass on its host's processor"
+        )
+
+
 def assert_numerics() -> None:
     """Raise MarsedlError if this process was started without the pinned numeric environment."""
-    unset = [name for name, value in _pinned().items() if os.environ.get(name) != value]
+    unset = [name for name, value in NUMERIC_ENVIRONMENT.items() if os.environ.get(name) != value]
     unset += [name for name in _OF_THIS_PROJECT if name not in os.environ]
     if unset:
         raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")
-
-
-def pretended_machine() -> str:
-    """Return the instruction sets that this process was given in place of the pinned ones; empty if they are pinned."""
-    if not os.environ.get(UNPINNED):
-        return ""
-    settings = [f"{name}={os.environ[name]}" for name in INSTRUCTION_SETS if name in os.environ]
-    return "; ".join(settings) or "this machine's own"
-
-
-def _pinned() -> dict[str, str]:
-    """The variables that have to have a fixed value."""
-    free = INSTRUCTION_SETS if os.environ.get(UNPINNED) else ()
-    return {name: value for name, value in NUMERIC_ENVIRONMENT.items() if name not in free}
 
 
 def arguments_of(

@@ -4,8 +4,7 @@ import importlib.metadata
 import sys
 from functools import cache
 
-from marsedl.extras import DISTRIBUTIONS
-
+DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # by the name of the module, where the two differ
 # Libraries that others use without our code naming them: compilers, solvers, image libraries.
 COMPANIONS = {
     "numba": ("llvmlite",),

@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from marsedl.replication.claims import write_text
 from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import READ_AS_MISSING
 
 # Laid out as the project is; a template of the second folder stands for a paper of one stage, without flights.
 TEMPLATES = Path(__file__).with_name("templates_paper")
@@ -87,6 +88,8 @@ def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
         raise InputError(
             f"'{slug}' cannot be the name of a paper: use at most 40 lower case letters, digits and single underscores"
         )
+    if slug in READ_AS_MISSING:
+        raise InputError(f"pandas reads the name '{slug}' in a table as no value; choose another name")
     if slug in slugs:
         raise InputError(f"there is a paper '{slug}' already; choose another name")
     for other_slug in slugs:

@@ -1,8 +1,8 @@
 """What the artifacts of a paper's readings are made from, and which reading owns each file.
 
-An artifact that two readings would compute from the same inputs is computed once. One of them owns it, the first in a
-fixed order: `corrected`, then as they stand in the files, a user's own last. When an owner is edited, the next of the
-others owns a file of its own, which is computed again with the same result.
+An artifact that two readings would compute from the same inputs is computed once. The file is stored under one of them:
+`corrected` if it has it, else the first in the configuration; a user's own readings come last. When its owner is
+edited, the next of the others owns a file of its own, which is computed again with the same result.
 """
 
 from collections.abc import Callable, Iterable
@@ -14,7 +14,7 @@ from marsedl.replication.jobs import whole_case
 from marsedl.replication.recipes import recipe_digest
 
 FIRST = "corrected"
-TOGETHER = 10  # blocks of trials: the cases of a reading that have no more are flown by one job
+TOGETHER = 10  # one job flies all cases of a reading that have at most this many blocks of trials
 
 
 class Shared:

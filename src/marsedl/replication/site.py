@@ -233,12 +233,15 @@ def _paper(paper: PaperReport, pictures: Mapping[tuple[str, str], Picture]) -> d
     readings = {reading.name: reading for reading in paper.readings}
     titles = {erratum.id: erratum.title or erratum.printed for erratum in paper.errata}
     changing = effects.changing(paper.claims)
+    can_compare = DEFAULT_READING in readings and bool(paper.claims)
+    moves = effects.causes(paper.claims, paper.errata, paper.inputs, paper.readings) if can_compare else {}
     claims = [
-        _claim(row, paper, titles) for row in paper.claims if row["verdict"] in (*COUNTED_VERDICTS, BY_CONSTRUCTION)
+        _claim(row, paper, titles, moves.get(row["id"], {}))
+        for row in paper.claims
+        if row["verdict"] in (*COUNTED_VERDICTS, BY_CONSTRUCTION)
     ]
     by_id = {claim["row"]["id"]: claim for claim in claims}
     headline = sorted((c for c in claims if c["row"].get("headline")), key=lambda claim: claim["row"]["headline"])
-    can_compare = DEFAULT_READING in readings and bool(paper.claims)
     figures = [_figure(paper.slug, figure, pictures, by_id) for figure in paper.figures]
     return {
         "paper": paper,
@@ -319,7 +322,9 @@ def _chips(claims: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[str, str
     return chips | {"neither": [(BY_CONSTRUCTION, BY_CONSTRUCTION, fixed)] if fixed else []}
 
 
-def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]) -> dict[str, Any]:
+def _claim(
+    row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str], moves: Mapping[str, float]
+) -> dict[str, Any]:
     """Write out a claim's numbers, and what stands behind its verdict."""
     result = {"evidence": "", "doubt": "", "margin": None, "trials": None, "at_equal_trials": None, "z": None}
     result |= row["readings"].get(row["reading"]) or {}
@@ -340,7 +345,7 @@ def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]
         "printed": "" if statement else ", ".join(format_lines(row["printed"], resolution=row["resolution"])),
         "unit": "" if row["unit"] == "1" or statement else row["unit"],
         "shown": effects.shown(row) if row["readings"] else "",
-        "why": effects.why(row, titles, meanings),
+        "why": effects.why(row, titles, meanings, moves),
         "own": own,
         "same": readings_by_verdict.pop(own, []),
         "equal_trials": any(other.get("at_equal_trials") for other in row["readings"].values()),

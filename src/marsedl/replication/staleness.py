@@ -185,7 +185,6 @@ class Recipes:
         entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *compared.papers)]
         own = {
             "inputs": {slug: self.given(slug, FIRST, taken.inputs) for slug, taken in compared.takes.items()},
-            "measured": self.file_digest(BENCHMARKS) if compared.measured else "",
             **self._reached("comparison.py", *entries),
         }
         files = self.compared_artifacts(stem)

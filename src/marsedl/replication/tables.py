@@ -337,6 +337,10 @@ def csv_text(data: "pd.DataFrame") -> str:
         expected = data[head]
         if expected.dtype == "Int64":
             expected = expected.astype("float64" if expected.isna().any() else "int64")
+        if back[head].dtype == expected.dtype == "float64" and not back[head].equals(expected):
+            raise ValueError(
+                f"column '{head}' has other numbers when pandas {pd.__version__} reads it from CSV: install pandas>=3.1"
+            )
         if back[head].dtype != expected.dtype or not back[head].equals(expected):
             raise ValueError(f"column '{head}' is {data[head].dtype}, but read back from CSV it is {back[head].dtype}")
     return text

@@ -1,4 +1,4 @@
-"""Text for a terminal: control characters are escaped, and tables fit its width."""
+"""Text for a terminal: tables fit its width, and nothing in a file acts on it."""
 
 import shutil
 import textwrap
@@ -10,20 +10,15 @@ NARROWEST = 8  # of a column that is made narrower
 
 
 def printable(text: object) -> str:
-    """Return a text with its control characters escaped as in Python, such as \\x1b."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
-
-
-def printable_lines(text: object) -> str:
-    """Return a text of several lines with all control characters but line breaks escaped."""
-    return "\n".join(map(printable, str(text).split("\n")))
+    """Return a text with all control characters but line breaks escaped as in Python, such as \\x1b."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in str(text))
 
 
 def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = True, width: int | None = None) -> str:
     """Lay out rows of equal length as aligned columns.
 
     Args:
-        rows: the cells; control characters in them are escaped.
+        rows: the cells.
         indent: spaces before each line.
         wrap: break what is too long over several lines; otherwise it is cut off.
         width: of the whole; that of the terminal unless given, without limit if the output goes elsewhere.
@@ -35,7 +30,7 @@ def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = T
     if not rows:
         return ""
     width = width or shutil.get_terminal_size((UNLIMITED, 0)).columns
-    cells = [[printable(cell) for cell in row] for row in rows]
+    cells = [[" ".join(str(cell).split("\n")) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     free = width - indent - 2 * (len(widths) - 1)
     while sum(widths) > free and (wide := [i for i in range(1, len(widths)) if widths[i] > NARROWEST]):

@@ -16,9 +16,9 @@ THIN = 10.0  # standard errors, or limits: a verdict further than this from its 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A limit of which a part is a matter of words: `1.0 + VISIBLE`, `0.1 * VISIBLE`, `VISIBLE * scale + error`.
+    """A limit with a fuzzy part: `1.0 + VISIBLE`, `0.1 * VISIBLE`, `VISIBLE * scale + error`.
 
-    `hard` is what is certain, `soft` what half and twice the threshold change, if anything.
+    A verdict is undetermined if scaling `soft` by 0.5 or 2 changes it; `hard` is fixed.
     """
 
     soft: np.ndarray | float | None

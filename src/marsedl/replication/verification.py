@@ -19,7 +19,7 @@ from marsedl.replication.errors import MarsedlError
 from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import FULL, build_folder
-from marsedl.replication.terminal import columns, printable
+from marsedl.replication.terminal import columns
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
@@ -470,7 +470,7 @@ def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterabl
     print(
         f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, {verdicts} verdicts changed, "
         f"{sum(value > 1 for value in margins.values())} numbers beyond tolerance, {len(comparison.missing)} missing; "
-        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({printable(worst)})"
+        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
         + (f"; {rounding} that rounding decides compared by shape" if rounding else "")
         + (f"; {printed} printed claims differ from those accepted" if printed else "")
     )

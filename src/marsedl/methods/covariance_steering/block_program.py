@@ -153,16 +153,7 @@ class CompiledProgram:
     __repr__ = summary
 
     def solve(self, program, *, tolerance=None, accept_inaccurate=False, accept_ill_conditioned=False):
-        """Solve a program of the same structure: equal sizes, ranks, steps and kinds of constraints; any numbers.
-
-        Args:
-            program: `SteeringProgram`.
-            tolerance: as for `solve`.
-            accept_inaccurate: as for `solve`.
-            accept_ill_conditioned: as for `solve`.
-
-        Returns:
-            `SteeringLaw`, that of `solve`.
+        """Solve a program of equal sizes, ranks, steps and kinds of constraints; arguments and results as of `solve`.
 
         Raises:
             ValueError: if the structure differs, and as `solve`.
@@ -171,10 +162,7 @@ class CompiledProgram:
         model = _assemble(program, accept_ill_conditioned)
         for name, compiled_value in self.structure.items():
             if model.structure[name] != compiled_value:
-                raise ValueError(
-                    f"the program's structure differs from the compiled one in: {name}, which "
-                    f"is {_shortened(model.structure[name])} instead of {_shortened(compiled_value)}; compile it again"
-                )
+                raise ValueError(f"the program's structure differs from the compiled one in: {name}; compile it again")
         for name, parameter in self.parameters.items():
             parameter.value = model.data[name]
         return _solve(model, self.cone_program, self.solver, tolerance, accept_inaccurate, accept_ill_conditioned)
@@ -185,12 +173,10 @@ def compile_program(program, *, solver="CLARABEL", accept_ill_conditioned=False)
 
     Args:
         program: `SteeringProgram` that gives the structure.
-        solver: "CLARABEL" or "SCS".
-        accept_ill_conditioned: as for `solve`.
+        solver, accept_ill_conditioned: as for `solve`, which is faster for a single program.
 
     Returns:
-        `CompiledProgram`; its first `solve` completes the translation, all further ones are without. A single program
-        is solved faster by `solve`, which translates numbers instead of parameters.
+        `CompiledProgram`; its first `solve` completes the translation.
 
     Raises:
         ValueError: as `solve`; or if the program is too large to be compiled, from about 50 intervals of 3 states on.
@@ -491,12 +477,11 @@ def _reference(program):
     return np.zeros(intervals * m) if program.control_reference is None else program.control_reference.ravel()
 
 
-def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=()):
+def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
     """The cone program in CVXPY; `data` holds arrays, or parameters of their shapes.
 
     Cones of different length are given to CVXPY in matrices, the shorter ones filled up with zeros: large matrices are
-    translated fast, small ones solved fast. Constraints of the relaxed kinds may be violated, and then the sum of the
-    violations is what is minimized.
+    translated fast, small ones solved fast. A relaxed program minimizes the sum of the violations of its constraints.
     """
     import cvxpy
 
@@ -516,9 +501,9 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=()):
             squares = scatter.T @ cvxpy.vec(data["cost_factor"] @ response, order="C") + data["cost_offset"]
             cost += cvxpy.sum_squares(squares)
 
-    def slack(kind, *shape):
-        """Violations of a kind of constraints, or none."""
-        if kind not in relaxed:
+    def slack(*shape):
+        """Violations of constraints, or none."""
+        if not relaxed:
             return 0.0
         violations.append(cvxpy.Variable(shape, nonneg=True))
         return violations[-1]
@@ -540,22 +525,19 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=()):
     index, planes = list(structure["deviations of half planes and percentiles"]), structure["number of half planes"]
     if planes:
         spread = cvxpy.multiply(data["plane_factor"], deviation[index[:planes]])
-        states = np.arange(planes) < len(model.program.state_constraints)
-        excess = cvxpy.multiply(states, slack("state constraints", planes))
-        excess += cvxpy.multiply(~states, slack("control constraints", planes))
-        constraints.append(data["plane_rows"] @ mean_control + spread <= data["plane_margin"] + excess)
+        constraints.append(data["plane_rows"] @ mean_control + spread <= data["plane_margin"] + slack(planes))
     if "final_rows" in data:
         distance = data["final_rows"] @ mean_control - data["final_margin"]
-        constraints.append(cvxpy.abs(distance) <= slack("final mean", n) if "final mean" in relaxed else distance == 0)
+        constraints.append(cvxpy.abs(distance) <= slack(n) if relaxed else distance == 0)
     if "final_weights" in data:
-        constraints += _final_covariance(model, data, response, slack("final covariance"))
+        constraints += _final_covariance(model, data, response, slack())
     if "trust_centre" in data:
         distance = mean_control - data["trust_centre"]
-        radius = data["trust_radius"] + slack("control trust region")
+        radius = data["trust_radius"] + slack()
         constraints += [distance <= radius, -distance <= radius]
     if "state_trust_rows" in data:
         distance = data["state_trust_rows"] @ mean_control - data["state_trust_centre"]
-        radius = data["state_trust_radius"] + slack("state trust regions", len(model.program.state_trust))
+        radius = data["state_trust_radius"] + slack(len(model.program.state_trust))
         constraints += [distance <= radius, -distance <= radius]
     if "percentile_rows" in data:
         largest = cvxpy.Variable()
@@ -646,39 +628,16 @@ def _solve(model, cone_program, solver, tolerance, accept_inaccurate, accept_ill
 
 
 def _explain(model):
-    """The sentence that says which constraints cannot be met, and by how much.
-
-    First every kind of constraint alone is relaxed. If that is never enough, all of them are.
-    """
-    program, remedies = model.program, []
-    kinds = {
-        "final covariance": program.final_covariance is not None,
-        "final mean": program.final_mean is not None,
-        "state constraints": program.state_constraints,
-        "control constraints": program.control_constraints,
-        "control trust region": program.control_trust is not None,
-        "state trust regions": program.state_trust,
-    }
-    kinds = [kind for kind, present in kinds.items() if present]
-    for relaxed in [*([kind] for kind in kinds), kinds]:
-        if relaxed is kinds and remedies:
-            break
-        elastic = _build(model, model.data, relaxed=relaxed)
-        report = _run(elastic.problem, "CLARABEL", None)
-        if report["status"] == "optimal":
-            margins_when_relaxed = margins(program, elastic.law(model, report))
-            failed = [margin for margin in margins_when_relaxed if margin.kind in relaxed and margin.excess > _VIOLATED]
-            least = "the least reachable " if len(failed) == 1 else ""
-            sentences = (
-                f"{margin.name}: {least}{margin.quantity} is {margin.value:.6g}, must be <= {margin.limit:.6g}"
-                for margin in failed
-            )
-            remedies.append(
-                ", and ".join(sentences) or f"{' and '.join(relaxed)} by less than {_VIOLATED:g} of the limit"
-            )
-    if not remedies:
-        return "the constraints cannot be met together, and the solver finds no compromise"
-    return "the constraints cannot be met together; it would be enough to relax " + "; or ".join(remedies)
+    """The sentence that names the constraints that fail if all may be violated, by as little as possible in sum."""
+    elastic = _build(model, model.data, relaxed=True)
+    report = _run(elastic.problem, "CLARABEL", None)
+    sentence = "the constraints cannot be met together"
+    if report["status"] != "optimal":
+        return sentence
+    failed = [margin for margin in margins(model.program, elastic.law(model, report)) if margin.excess > _VIOLATED]
+    least = "the least reachable " if len(failed) == 1 else ""
+    named = (f"{m.name}: {least}{m.quantity} is {m.value:.6g}, must be <= {m.limit:.6g}" for m in failed)
+    return f"{sentence}; " + (", and ".join(named) or f"they fail by less than {_VIOLATED:g} of a limit")
 
 
 def _law_of_response(model, controls, response, report):
@@ -798,12 +757,6 @@ def _check_solver(solver):
     """ValueError unless the solver is one of ours."""
     if solver not in _SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, not {solver!r}")
-
-
-def _shortened(value):
-    """The text of a value, without its end if it is long."""
-    text = str(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _roots(weights):

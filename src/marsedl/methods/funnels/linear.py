@@ -14,7 +14,6 @@ from marsedl.methods.funnels.stage import cholesky_factor
 
 __all__ = [
     "additive_growth",
-    "joint_ellipsoid",
     "linear_exact",
     "linear_triangle",
     "minkowski_shape",
@@ -102,38 +101,6 @@ def linear_triangle(transitions, responses, shapes, initial_level):
     return _recursion(
         lambda a, b: (np.linalg.norm(a, 2) + _spectral_norm(b)) ** 2, transitions, responses, shapes, initial_level
     )
-
-
-def joint_ellipsoid(transitions, responses, initial_set):
-    r"""Image of the joint ball of initial deviation and constant disturbance under linear dynamics.
-
-        $E_1 = 2 M_1^{-1}, \quad H_1 = 0$
-        $E_{k+1} = \Phi E \Phi^\top + \Phi H \Gamma^\top + \Gamma H^\top \Phi^\top + \Gamma \Gamma^\top, \quad H_{k+1} =
-          \Phi H + \Gamma$
-
-    $E_k$ is the ellipsoid $\left\{ \bar{x}^\top E^{-1} \bar{x} \le 1 \right\}$ reached from
-    $\bar{x}_1^\top M_1 \bar{x}_1 / 2 + w^\top w \le 1$: half of the set that a funnel allows, where both may lie on
-    their boundaries at once. So it is a comparison, not a bound.
-
-    Args:
-        transitions: $\Phi$, (n, nx, nx).
-        responses: $\Gamma$ to the constant disturbance, (n, nx, nw).
-        initial_set: $M_1$ of the initial set $\left\{ \bar{x}^\top M_1 \bar{x} / 2 \le 1 \right\}$, (nx, nx).
-
-    Returns:
-        E, (n + 1, nx, nx), squares of the units of the states.
-
-    Raises:
-        ValueError: if $M_1$ is not positive definite.
-    """
-    transitions, responses = np.asarray(transitions), np.asarray(responses)
-    ellipsoids = [2 * _inverse(initial_set, "the matrix of the initial set")]
-    shared = np.zeros(responses.shape[1:])
-    for across, response in zip(transitions, responses, strict=True):
-        mixed = across @ shared @ response.T
-        ellipsoids.append(across @ ellipsoids[-1] @ across.T + mixed + mixed.T + response @ response.T)
-        shared = across @ shared + response
-    return np.array(ellipsoids)
 
 
 def minkowski_shape(transitions, responses, initial_set, scales):

@@ -84,17 +84,6 @@ class Funnel:
         logarithms = [np.log(np.diag(cholesky_factor(shape))).sum() for shape in self.shapes]
         return ball + n / 2 * np.log(2 * self.rho) - np.array(logarithms)
 
-    def levels(self, steps):
-        """Levels between the slices, linear in the number of the fine step.
-
-        Args:
-            steps: fine steps, (m,).
-
-        Returns:
-            rho, (m,).
-        """
-        return np.interp(steps, self.slices, self.rho)
-
 
 def initial_level(shape, initial_set):
     r"""Least level whose slice contains the initial set (robust entry funnels, Eq. 20).

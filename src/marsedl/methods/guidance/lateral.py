@@ -10,7 +10,6 @@ from marsedl.compiling import jitable
 __all__ = [
     "CORRECTED",
     "PRINTED",
-    "SIGN_ONLY",
     "bank_direction",
     "deadband",
     "heading_alignment",
@@ -22,7 +21,7 @@ __all__ = [
 ]
 
 # Forms of the heading alignment.
-CORRECTED, SIGN_ONLY, PRINTED = 0, 1, 2
+CORRECTED, PRINTED = 0, 1
 
 
 @jitable
@@ -66,7 +65,6 @@ def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
     r"""Bank command that points the heading at the target, within +-limit (Eq. 58).
 
         $\text{CORRECTED:} \quad \sigma = -K \, \arctan(\epsilon / \delta_\text{go})$
-        $\text{SIGN_ONLY:} \quad \sigma = -K \, \arctan(\delta_\text{go} / \epsilon)$
         $\text{PRINTED:} \quad \sigma = +K \, \arctan(\delta_\text{go} / \epsilon)$
 
     A positive bank turns right and lets $\epsilon$ grow, so $K$ needs the minus. With the printed ratio the arctangent
@@ -76,7 +74,7 @@ def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
         downrange_angle, crossrange_angle: $\delta_\text{go}$, $\epsilon$ of `targeting.targeting`, rad.
         gain: K, 1.
         limit: largest bank, rad.
-        form: CORRECTED, SIGN_ONLY or PRINTED.
+        form: CORRECTED or PRINTED.
 
     Returns:
         $\sigma$, rad.

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.methods.sos.sampled_program import Certificate, certify
 
-__all__ = ["SOLVERS", "ConicProgram", "check_solver", "conic", "nearest_semidefinite", "run_solver"]
+__all__ = ["SOLVERS", "ConicProgram", "check_solver", "nearest_semidefinite", "run_solver"]
 
 SOLVERS = ("CLARABEL", "SCS")
 _MOST_ITERATIONS = 20_000  # of SCS
@@ -77,24 +77,6 @@ class ConicProgram:
             solver=self.solver,
             status=status,
         )
-
-
-def conic(values, basis, solver="CLARABEL", tolerance=1e-7):
-    """Solve the sampled program once; see `ConicProgram`.
-
-    Args:
-        values: b at the samples, (M,).
-        basis: n at the samples, (M, p).
-        solver: "CLARABEL" or "SCS".
-        tolerance: of the solver, relative to the range of the values.
-
-    Returns:
-        `Certificate`.
-
-    Raises:
-        ValueError: for an unknown solver, or values and basis that do not fit or are not finite.
-    """
-    return ConicProgram(basis, solver, tolerance).solve(values)
 
 
 def run_solver(problem, solver, tolerance):

@@ -6,7 +6,7 @@ give a program that solves, with a bound that is too small. The design does not 
 bounded: in whitened coordinates one design serves every slice of a funnel.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -16,7 +16,6 @@ from marsedl.summaries import summary
 
 __all__ = ["Design", "condition_number", "hermite_values", "random_design", "rank_of_products", "well_chosen_design"]
 
-_BASES = ("orthonormal", "monomial", "hermite")
 # Random candidates per sample that the pivoted factorisation chooses from.
 _CANDIDATES_PER_SAMPLE = 6
 
@@ -27,10 +26,9 @@ class Design:
 
     spheres: Spheres
     degree: int  # of the basis; the polynomials that are bounded have twice this degree
-    family: str  # "orthonormal", "monomial" or "hermite"
     points: np.ndarray  # samples, (M, v)
-    basis: np.ndarray  # values of the basis at the samples, (M, p)
-    transform: np.ndarray  # from quotient monomials (Hermite products) to the basis, which is their values @ transform
+    basis: np.ndarray  # values of the basis at the samples, orthonormal there: basis'basis = M I, (M, p)
+    transform: np.ndarray  # from quotient monomials to the basis, which is their values @ transform
 
     __repr__ = summary
 
@@ -43,7 +41,7 @@ class Design:
         Returns:
             Values (m, p).
         """
-        return _raw_values(self.spheres, self.degree, self.family, points) @ self.transform
+        return self.spheres.evaluate(self.spheres.quotient_monomials(self.degree), points) @ self.transform
 
     @property
     def needed(self):
@@ -55,19 +53,8 @@ class Design:
         """Number of independent products of basis polynomials at the samples."""
         return rank_of_products(self.basis)
 
-    def reduced(self):
-        """The design without redundant samples: as many as the rank, chosen by a pivoted factorisation.
 
-        The basis stays the same functions.
-        """
-        rank = self.rank
-        if rank == len(self.points):
-            return self
-        indices = np.sort(_pivots(_highest_values(self.spheres, self.degree, self.points))[:rank])
-        return replace(self, points=self.points[indices], basis=self.basis[indices])
-
-
-def well_chosen_design(spheres, seed, degree=2, basis="orthonormal"):
+def well_chosen_design(spheres, seed, degree=2):
     """The least number of samples, well placed: approximate Fekete points.
 
     From six times as many random points, a column-pivoted QR factorisation of the (orthonormalised) polynomials of
@@ -77,22 +64,20 @@ def well_chosen_design(spheres, seed, degree=2, basis="orthonormal"):
         spheres: `Spheres`.
         seed: of the random candidates.
         degree: of the basis.
-        basis: "orthonormal" (on the samples, basis'basis = M I), "monomial" (quotient monomials) or "hermite" (Hermite
-            products with the same exponents, of the coordinates scaled to variance one).
 
     Returns:
         `Design` with `spheres.sample_count(degree)` samples.
 
     Raises:
-        ValueError: for an unknown basis, or if the samples do not determine the products.
+        ValueError: if the samples do not determine the products.
     """
     count = spheres.sample_count(degree)
     candidates = spheres.random_points(_CANDIDATES_PER_SAMPLE * count, _generator(seed))
     indices = _pivots(_highest_values(spheres, degree, candidates))[:count]
-    return _design(spheres, degree, basis, candidates[indices], allow_deficient=False)
+    return _design(spheres, degree, candidates[indices], allow_deficient=False)
 
 
-def random_design(spheres, count, seed, degree=2, basis="orthonormal", allow_deficient=False):
+def random_design(spheres, count, seed, degree=2, allow_deficient=False):
     """Samples uniform on the spheres.
 
     Args:
@@ -100,17 +85,16 @@ def random_design(spheres, count, seed, degree=2, basis="orthonormal", allow_def
         count: number of samples.
         seed: of the samples.
         degree: of the basis.
-        basis: as in `well_chosen_design`.
         allow_deficient: accept samples that do not determine the products; bounds from them are too small.
 
     Returns:
         `Design` with `count` samples.
 
     Raises:
-        ValueError: for an unknown basis, or if the samples do not determine the products and that is not allowed.
+        ValueError: if the samples do not determine the products and that is not allowed.
     """
     points = spheres.random_points(count, _generator(seed))
-    return _design(spheres, degree, basis, points, allow_deficient)
+    return _design(spheres, degree, points, allow_deficient)
 
 
 def rank_of_products(basis):
@@ -165,32 +149,20 @@ def hermite_values(exponents, points, scale=1.0):
     return np.prod([table[powers, :, variable] for variable, powers in enumerate(np.asarray(exponents).T)], axis=0).T
 
 
-def _design(spheres, degree, family, points, allow_deficient):
-    if family not in _BASES:
-        raise ValueError(f"unknown basis {family!r}; choose from {', '.join(_BASES)}")
-    values = _raw_values(spheres, degree, family, points)
+def _design(spheres, degree, points, allow_deficient):
+    values = spheres.evaluate(spheres.quotient_monomials(degree), points)
     rank = np.linalg.matrix_rank(values)
     if rank < values.shape[1]:
         raise ValueError(f"the {len(points)} samples determine {rank} of {values.shape[1]} basis polynomials")
-    transform = np.eye(values.shape[1])
-    if family == "orthonormal":
-        triangle = np.linalg.qr(values, mode="r")
-        transform = solve_triangular(triangle, transform) * np.sqrt(len(points))
-    design = Design(spheres, degree, family, points, values @ transform, transform)
+    triangle = np.linalg.qr(values, mode="r")
+    transform = solve_triangular(triangle, np.eye(values.shape[1])) * np.sqrt(len(points))
+    design = Design(spheres, degree, points, values @ transform, transform)
     if not allow_deficient and design.rank < design.needed:
         raise ValueError(
             f"the {len(points)} samples determine {design.rank} of {design.needed} products of basis polynomials: "
             "bounds from them would be too small"
         )
     return design
-
-
-def _raw_values(spheres, degree, family, points):
-    exponents = spheres.quotient_monomials(degree)
-    if family != "hermite":
-        return spheres.evaluate(exponents, points)
-    # A coordinate of the unit sphere in n dimensions has variance 1/n.
-    return hermite_values(exponents, points, np.repeat(np.sqrt(spheres.dimensions), spheres.dimensions))
 
 
 def _highest_values(spheres, degree, points):

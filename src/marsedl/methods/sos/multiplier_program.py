@@ -178,30 +178,6 @@ class MultiplierProgram:
         # The last factor covers the rounding of these few sums.
         return float(bound + (rise + fsum(np.abs(remainder))) * (1 + 1e-12) + 4 * np.spacing(abs(bound)))
 
-    def evaluate(self, points):
-        """Values of the monomials z.
-
-        Args:
-            points: (m, v).
-
-        Returns:
-            Values (m, p).
-        """
-        return self.spheres.evaluate(self._half, points)
-
-    def right_hand_side(self, certificate, points):
-        """z'Q z and the terms with multipliers at any points, on the spheres or not: s - b if the certificate is right.
-
-        Args:
-            certificate: `MultiplierCertificate` of this program.
-            points: (m, v).
-
-        Returns:
-            Values (m,).
-        """
-        unknowns = _stacked(0.0, certificate.gram, certificate.multipliers, certificate.ball_grams)
-        return self.spheres.evaluate(self.exponents, points) @ (self._equations @ unknowns)
-
     def _residual(self, coefficients, bound, gram, multipliers, ball_grams, exact=False):
         """Coefficients of s - b minus the right-hand side, (n,); on demand rounded once only."""
         unknowns = _stacked(bound, gram, multipliers, ball_grams)

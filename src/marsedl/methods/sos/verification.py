@@ -32,7 +32,7 @@ def verify(design, certificate, polynomial, seed, points=4000, tolerance=1e-6):
     certificate's `safe_bound`.
 
     Args:
-        design: `Design` of the certificate; for a `MultiplierCertificate` on spheres, its `MultiplierProgram`.
+        design: `Design` of the certificate.
         certificate: with bound and Gram matrix.
         polynomial: b, maps points (m, v) to values (m,).
         seed: of the points; another than the design's.

@@ -12,8 +12,6 @@ PAPER = Paper(
         "printed/gains/*",
         "printed/responses/*",
         "printed/montecarlo.entry_errors/*",
-        "corrected/branches/found",  # by a random search, in long solves that go where rounding leads
-        "corrected/branches/failed_starts",
         *(f"claims/{claim}/printed" for claim in ("fig05b_phase_times", "fig07b_phase_times", "fig09_reduction*")),
     ),
 )

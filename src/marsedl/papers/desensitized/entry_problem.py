@@ -30,8 +30,6 @@ STATES = (
 )
 POSITIONS, MEASURED = STATES[:3], STATES[:6]
 BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")
-# Signs of the states of a flight seen in a mirror.
-MIRROR = np.array([-1.0 if name in ("latitude", "north_velocity", "bank", "bank_rate") else 1.0 for name in STATES])
 LEVEL = 0.5 * DEGREE  # a bank angle below it counts as none when reversals are counted
 ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby

@@ -4,25 +4,21 @@ import dataclasses
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from marsedl.papers.desensitized.claims.measures import own_c1, printed_rows
 from marsedl.papers.desensitized.entry_problem import BANK
-from marsedl.papers.desensitized.inputs import Design, Ensemble, Simulation, Solver, Studies, Vehicle
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
     CHANNELS,
-    DENSITY,
     NO_DOC,
-    ONE_SET,
     RESHAPED,
     Branches,
     Certificates,
     FlightEnsemble,
-    FurtherPerturbations,
     Gains,
-    GainStudy,
     MinimumFuel,
     Nominal,
     Responses,
@@ -30,7 +26,7 @@ from marsedl.papers.desensitized.records import (
 )
 from marsedl.plotting.curves import legend_below, legend_entry, mark, name_axes, plot, zero
 from marsedl.plotting.ellipses import probability_inside
-from marsedl.plotting.fields import Field, field, printed_unit
+from marsedl.plotting.fields import field, printed_unit
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from marsedl.replication.units import converted
 
@@ -43,12 +39,8 @@ LAW_NAME = {NO_DOC: "no DOC", RESHAPED: "DOC without feedback"}
 LAW_TITLE = LAW_NAME | {name: f"gains against {name} errors" for name in CHANNELS} | {ALL_COLUMNS: "one set of gains"}
 ROW_COLOR = (BLACK, SKY, BLUE, GREEN, ORANGE, VERMILION, PURPLE)
 BRANCH_COLOR = (BLACK, BLUE, PURPLE, ORANGE)
-SOLUTION_COLOR = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 SCHEME_COLOR = (BLUE, ORANGE, GREEN)
 SCHEME_NAME = {"hermite_simpson": "Hermite-Simpson"}
-CANDIDATE_COLOR = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY, GREY)
-PERTURBATION_COLOR = (BLUE, GREEN, PURPLE, VERMILION, ORANGE, GREY)
-FEEDBACK_COLOR = (BLACK, BLUE, SKY, VERMILION, ORANGE)
 FUEL_CURVE = (
     (BLACK, "--", "least energy (nominal)"),
     (VERMILION, "-", "least fuel"),
@@ -59,7 +51,6 @@ CROWDED = 0.04  # of the axes, under which rows of Table 3 share a label
 ROW_UNIT = {"c_1": "", "J_0": f" {printed_unit('deg^2/s^3')}"}  # of what names a row of Table 3
 ELLIPSE_SIGMA = 3
 LEVEL, ROOM = 0.995, 1.15  # of the flights' errors, either way; times those, how far the axes of the dispersion reach
-LOST = "x"  # marks lost flights
 DRAWN = 2000  # flights of a law at most, in the dispersion
 EARLY = 1.0  # s, by which the flights of a law end before those of another, from which the figure says so
 FAR = 1.6  # times what flights without feedback reach, beyond which others may leave the axes
@@ -99,11 +90,12 @@ def fig02(design: Design, published, tradeoff: Tradeoff) -> Figure:
     figure, panels = new_figure(7.2, 5.2, nrows=2, sharex=True, height_ratios=(1.5, 1))
     zero(*panels)
     names = _row_names(design, published, tradeoff)
-    # The infinite rows come close to each other: the second is drawn thin, over the first.
-    infinite = iter(({"linewidth": 3.0, "alpha": 0.6}, {"linestyle": "--"}))
-    for number, color in enumerate(ROW_COLOR):
-        finite = np.isfinite(tradeoff.printed_weight[number])
-        axes, style = (panels[0], {}) if finite else (panels[1], next(infinite))
+    last = len(names) - 1
+    for number, finite in enumerate(np.isfinite(tradeoff.printed_weight)):
+        axes, style, color = panels[0], {}, ROW_COLOR[number % len(ROW_COLOR)]
+        if not finite:
+            # The infinite rows come close to each other: the last is drawn thin, over the others.
+            axes, style = panels[1], {"linestyle": "--"} if number == last else {"linewidth": 3.0, "alpha": 0.6}
         label = f"{_row(tradeoff, names, number)}: {_counted(tradeoff.reversals[number], 'reversal')}"
         bank = field(tradeoff, "state.bank", **BANK_ANGLE, at={"rows": number}, x="time")
         plot(axes, bank, color=color, label=label, **style)
@@ -293,7 +285,7 @@ def _bank_angles(gains, responses, channel):
 
 
 def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff, branches: Branches) -> Figure:
-    """Control energy against final position error, on every branch, and the weight along the nominal's."""
+    """Control energy against final position error, and the weight along the nominal's branch."""
     columns = 2 if len(branches.curve_error) else 1
     figure, panels = new_figure(4.6 * columns, 5.6, ncols=columns, width_ratios=(1.6, 1)[:columns], squeeze=False)
     axes, label = panels[0, 0], f"{FINAL_ERROR} for {simulation.tabulated_error:g} m of radius"
@@ -349,14 +341,8 @@ def _energies(axes, tradeoff, branches, published, label):
         jump = field(tradeoff, "fold_effort", x="fold_error", at={"folds": number})
         text = None if number else "jump at the end of a branch"
         plot(axes, jump, color=GREY, linestyle=":", label=text)
-    dots = {"linestyle": "none", "marker": "."}
-    curve = {"label": "the nominal's branch, error given", "zorder": 1, "markersize": 7}
-    plot(axes, branches, "curve_effort", x="curve_error", **dots, **curve, color=ORANGE)
-    continued = field(branches, "continued_effort", x=_norm(branches, "continued_error"))
-    for number in np.unique(branches.continued_solution):
-        start = f"at the weights of the rows, from {branches.name[number]}"
-        branch = continued.where(branches.continued_solution == number)
-        plot(axes, branch, **dots, markersize=5, color=_solution_color(number), label=start)
+    dots = {"linestyle": "none", "marker": ".", "zorder": 1, "markersize": 7, "color": ORANGE}
+    plot(axes, branches, "curve_effort", x="curve_error", label="the nominal's branch, error given", **dots)
     rows = field(tradeoff, "effort", x=_norm(tradeoff, "error"))
     circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
     plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
@@ -370,63 +356,6 @@ def _about_folds(tradeoff, branches):
     efforts = np.append(tradeoff.fold_effort, branches.curve_effort)
     margin, factor = 0.25 * np.ptp(errors), (efforts.max() / efforts.min()) ** 0.25
     return (errors.min() - margin, errors.max() + margin), (efforts.min() / factor, efforts.max() * factor)
-
-
-def branches(branches: Branches) -> Figure:
-    """Bank angle of the local minima of the problem without weight, those with full rolls apart."""
-    turning = branches.rolls > 0
-    groups = [group for group in (np.flatnonzero(~turning), np.flatnonzero(turning)) if len(group)]
-    figure, panels = new_figure(7.6, 4.4, ncols=len(groups), squeeze=False)
-    for axes, group in zip(panels[0], groups, strict=True):
-        zero(axes)
-        for number in group:
-            label = (
-                f"{branches.name[number]}: $J_0$ = {branches.effort[number]:.4g} deg$^2$/s$^3$,\n"
-                f"{np.linalg.norm(branches.error[number]):.0f} m, {_starts(branches, number)}"
-            )
-            style = {"color": _solution_color(number), "linestyle": "-" if number == branches.nominal else "--"}
-            plot(axes, branches, "bank", unit="deg", at={"solutions": number}, x="time", label=label, **style)
-        if turning[group].all():
-            axes.yaxis.set_major_locator(MultipleLocator(180.0))
-        axes.set_xlim(0, branches.time.max())
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=7)
-    return figure
-
-
-def gain_candidates(gains: Gains, gain_study: GainStudy) -> Figure:
-    """Flown errors under all gains of a channel, and under one set of gains for all channels."""
-    figure, panels = new_figure(8.0, 7.2, nrows=2, ncols=2, sharey=True)
-    order = np.argsort(gain_study.tuning_error)
-    linear = np.linalg.norm(gains.final[_number(gains, NO_DOC)], axis=0)
-    dots = {"marker": "."}
-    for channel, axes in enumerate(panels.flat[: len(CHANNELS)]):
-        candidates = np.flatnonzero(gain_study.channel == channel)
-        candidates = candidates[np.argsort(gain_study.rank[candidates])]
-        errors = [field(gain_study, "flown_error", at={"candidates": number}).where(order) for number in candidates]
-        sizes = field(gain_study, "tuning_error").where(order)
-        without = Field(linear[channel] * np.abs(sizes.values), FINAL_ERROR, "m", sizes)
-        plot(axes, _either_side(without), **dots, color=BLACK, linestyle="--", label="no feedback, linear")
-        for place, (number, error) in enumerate(zip(candidates, errors, strict=True)):
-            label = f"{gain_study.method[number]}, |k| = {np.linalg.norm(gain_study.scaled_gain[number]):.3g}"
-            color = CANDIDATE_COLOR[place % len(CANDIDATE_COLOR)]
-            plot(axes, _either_side(error), **dots, color=color, label=label)
-            _mark_lost(axes, error, color)
-        axes.set_title(f"{CHANNELS[channel]} error at entry")
-    together = panels.flat[-1]
-    for gain_set, style, kind in zip(ONE_SET.names, ("-", "--"), ("as solved for", "tuned"), strict=True):
-        for channel, color in zip(CHANNELS, (VERMILION, GREEN, BLUE), strict=True):
-            curve = {"color": color, "linestyle": style, "label": f"{channel}, {kind}"}
-            error = field(gain_study, f"all_flown_error.{gain_set}.{channel}", x="all_sizes")
-            plot(together, _either_side(error), **dots, **curve)
-            _mark_lost(together, error, color)
-    together.set_title("one set of gains for all channels")
-    for axes in panels.flat:
-        _name_lost(axes, [axes])
-    for axes in panels.flat:
-        axes.set_yscale("log")
-        axes.locator_params(axis="x", nbins=5)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize=7, ncols=2 if axes is together else 1)
-    return figure
 
 
 def dispersion(ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
@@ -544,52 +473,6 @@ def minimum_fuel(minimum_fuel: MinimumFuel) -> Figure:
     return figure
 
 
-def further_perturbations(
-    design: Design, studies: Studies, published, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations
-) -> Figure:
-    """Other perturbations of the rows of Table 3, and the density desensitized and fed back against."""
-    figure, ((over_rows, energy), (density, radius)) = new_figure(8.0, 7.2, nrows=2, ncols=2)
-    places = Field(np.arange(len(tradeoff.weight)), "$c_1$, against radius errors", "1")
-    for number, name in enumerate(further_perturbations.perturbation):
-        error = _norm(further_perturbations, "row_linear_error", at={"perturbation": number}, x=places)
-        relative = error.of(error.values / error.values[0], "final error, relative to no DOC", "1")
-        # Every other one is dashed and marked by rings, so that one is seen through the other where they coincide.
-        dashed = {"linestyle": "--", "markersize": 5, "markerfacecolor": "none"} if number % 2 else {"markersize": 3}
-        style = {"color": PERTURBATION_COLOR[number], "marker": "o"} | dashed
-        plot(over_rows, relative, label=str(name), **style)
-    names = _row_names(design, published, tradeoff)
-    over_rows.set_xticks(places.values, [_row_tick(tradeoff, names, number) for number in places.values])
-    over_rows.tick_params(axis="x", labelsize=7)
-    over_rows.legend(fontsize=7)
-
-    label = f"final error for {100 * studies.density_error:g} % of density"
-    path = field(further_perturbations, "path_effort", x=_norm(further_perturbations, "path_error", name=label))
-    for number, name in enumerate(further_perturbations.branch):
-        color = BRANCH_COLOR[number % len(BRANCH_COLOR)]
-        branch = path.where(further_perturbations.path_branch == number)
-        plot(energy, branch, color=color, label=f"against density, from {name}")
-    rows = field(tradeoff, "effort", x=_norm(further_perturbations, "row_linear_error", at={"perturbation": DENSITY}))
-    circles = {"linestyle": "none", "marker": "o", "markersize": 5, "markerfacecolor": "none"}
-    plot(energy, rows, **circles, color=VERMILION, label="rows of Table 3, against radius")
-    energy.set_yscale("log")
-    energy.legend(fontsize=7)
-
-    for axes, channel, unit in ((density, "density", "%"), (radius, "radius", "m")):
-        initial = field(further_perturbations, f"{channel}_error", unit=unit)
-        order = np.argsort(initial.values)
-        for number, name in enumerate(further_perturbations.law):
-            law = {"at": {"law": number}, "x": initial, "unit": "km"}
-            errors = _norm(further_perturbations, f"{channel}_flown_error", **law).where(order)
-            text = str(name) + ("" if further_perturbations.converged[number] else " (not converged)")
-            color = FEEDBACK_COLOR[number % len(FEEDBACK_COLOR)]
-            plot(axes, _either_side(errors), marker=".", color=color, label=text)
-            _mark_lost(axes, errors, color)
-        axes.set_yscale("log")
-    _name_lost(density, (density, radius))
-    legend_below(figure, [density])
-    return figure
-
-
 # ---- parts of figures ------------------------------------------------------------------------------------------------
 
 
@@ -611,22 +494,6 @@ def _steps(axes, control, time, **style):
 def _either_side(curve):
     """A curve whose two sides of zero are not joined, as for a logarithmic axis."""
     return dataclasses.replace(curve, pieces=np.sign(curve.x.values))
-
-
-def _mark_lost(axes, curve, color):
-    """Draw crosses at the upper edge where a curve has no values because flights were lost."""
-    lost = curve.x.values[np.isnan(curve.values)]
-    if len(lost):
-        # Above those of other curves.
-        height = np.full(len(lost), 1.0 + 0.03 * sum(line.get_marker() == LOST for line in axes.lines))
-        cross = {"marker": LOST, "markersize": 5, "linestyle": "none", "clip_on": False}
-        axes.plot(lost, height, color=color, transform=axes.get_xaxis_transform(), **cross)
-
-
-def _name_lost(axes, panels):
-    """Add an entry for the crosses of lost flights to the legend of axes, if any of the panels has some."""
-    if any(line.get_marker() == LOST for panel in panels for line in panel.lines):
-        legend_entry(axes, "flight lost", color=GREY, marker=LOST, markersize=5, linestyle="none")
 
 
 def _law_styles(channel, compared):
@@ -703,15 +570,6 @@ def _row(tradeoff, names, number):
     return f"{name} ($c$ = {_power(tradeoff.weight[number])})" if infinite else name
 
 
-def _row_tick(tradeoff, names, number):
-    """What a row of Table 3 is called beside an axis of c1."""
-    symbol, value = names[number]
-    if symbol != "c_1":
-        return f"${symbol}$ =\n{value}\n{ROW_UNIT[symbol].strip()}"
-    infinite = np.isnan(tradeoff.printed_weight[number])
-    return value + (f"\n$c$ = {_power(tradeoff.weight[number])}" if infinite else "")
-
-
 def _crowds(tradeoff, errors, names):
     """Numbers of neighbouring rows that lie too close to each other for labels of their own, in groups."""
     groups, heights = [[0]], np.log(tradeoff.effort)
@@ -734,17 +592,6 @@ def _power(value):
 
 def _counted(number, what):
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def _solution_color(number):
-    """Colour of a local minimum, in all figures."""
-    return SOLUTION_COLOR[number % len(SOLUTION_COLOR)]
-
-
-def _starts(branches, number):
-    """How many random starts lead to a local minimum."""
-    times = f"found from {branches.found[number]} of {branches.starts} starts"
-    return times + (" (nominal)" if number == branches.nominal else "")
 
 
 def _case(certificates, case):

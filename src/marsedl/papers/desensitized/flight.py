@@ -15,7 +15,7 @@ from marsedl.montecarlo.elementary import exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_groups
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
-from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.papers.desensitized.components import (
     ALTITUDE,
     BANK,
@@ -30,7 +30,6 @@ from marsedl.papers.desensitized.components import (
     NORTH_VELOCITY,
     OBSERVED,
     RADIAL_VELOCITY,
-    STATES,
     STORED,
 )
 from marsedl.papers.desensitized.entry_problem import ROUNDING
@@ -95,14 +94,7 @@ def settings(planet: Planet, vehicle: Vehicle, nodes):
 
     Returns:
         Structured array of shape (1,).
-
-    Raises:
-        ValueError: if the bound or the spacing is not positive.
     """
-    if not vehicle.bank_acceleration_bound > 0.0:
-        raise ValueError(f"bank_acceleration_bound must be positive, got {vehicle.bank_acceleration_bound}")
-    if not nodes.spacing > 0.0:
-        raise ValueError(f"the spacing of the nodes must be positive, got {nodes.spacing}")
     values = (
         *(planet.gravitational_parameter, planet.planet_radius, vehicle.ballistic_coefficient, vehicle.lift_to_drag),
         *(vehicle.bank_acceleration_bound, nodes.bottom, 1.0 / nodes.spacing),
@@ -111,19 +103,12 @@ def settings(planet: Planet, vehicle: Vehicle, nodes):
 
 
 def _checked_reference(reference, bound):
-    """Initial state, bank acceleration and final time as compiled code takes them; ValueError if they are none."""
+    """Initial state, bank acceleration and final time as compiled code takes them; ValueError if they do not fit."""
     # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
     initial_state = np.array(reference.initial_state, dtype=float)
     control = np.array(reference.bank_acceleration, dtype=float)
-    if initial_state.shape != (STATES,) or control.ndim != 1 or not len(control):
-        raise ValueError(
-            f"initial_state and bank_acceleration of the reference must have shapes ({STATES},) and (intervals,), got "
-            f"{initial_state.shape} and {control.shape}"
-        )
     if not (np.isfinite(initial_state).all() and np.isfinite(control).all()):
         raise ValueError("initial_state and bank_acceleration of the reference must be finite")
-    if not 0.0 < reference.final_time < np.inf:
-        raise ValueError(f"final_time of the reference must be positive, got {reference.final_time}")
     largest = int(np.argmax(np.abs(control)))
     if abs(control[largest]) > (1.0 + ROUNDING) * bound:
         raise ValueError(
@@ -132,26 +117,6 @@ def _checked_reference(reference, bound):
         )
     # What an optimiser leaves beyond the bound must not make a difference between the nominal and a trial.
     return initial_state, np.clip(control, -bound, bound), float(reference.final_time)
-
-
-def _checked_arguments(cells, gain, initial_states, density_factor):
-    """Arrays for the kernel from what describes the air and the trials; ValueError if shapes or values do not fit."""
-    cells = np.array(cells, dtype=float, order="C")
-    if cells.ndim != 2 or cells.shape[0] < 3 or cells.shape[1] != 4:
-        raise ValueError(f"cells must have shape (nodes + 1, 4), see atmosphere.uniform_cells, got {cells.shape}")
-    gain = np.array(gain, dtype=float)
-    if gain.shape != (STATES,) or not np.isfinite(gain).all():
-        raise ValueError(f"gain must be {STATES} finite numbers, one per state, got {gain}")
-    states = np.asarray(initial_states, dtype=float)
-    if states.ndim != 2 or states.shape[1] != STATES or not len(states):
-        raise ValueError(f"initial_states must have shape (trials, {STATES}), got {states.shape}")
-    factor = np.asarray(density_factor, dtype=float)
-    if factor.shape not in ((), (len(states),)) or not (factor >= 0.0).all():
-        raise ValueError(
-            f"density_factor must be a number or one per trial, ({len(states)},), none negative or NaN, got shape "
-            f"{factor.shape}"
-        )
-    return cells, gain, states, np.broadcast_to(factor, len(states))
 
 
 def _whole(number, name, divided=None):
@@ -358,12 +323,14 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
         ends and after which nothing is stored (NaN); NON_FINITE.
 
     Raises:
-        ValueError: for shapes that do not fit, gains or a reference that are not finite, a reference beyond the bound
-            on the bank acceleration, negative density factors, or numbers of steps that are not whole.
+        ValueError: for a reference that is not finite or beyond the bound on the bank acceleration, or numbers of steps
+            that are not whole.
     """
     bound = float(constants["bank_acceleration_bound"][0])
     nominal_state, control, final_time = _checked_reference(reference, bound)
-    cells, gain, states, factor = _checked_arguments(cells, gain, initial_states, density_factor)
+    cells, gain = np.array(cells, dtype=float, order="C"), np.array(gain, dtype=float)
+    states = np.asarray(initial_states, dtype=float)
+    factor = np.broadcast_to(np.asarray(density_factor, dtype=float), len(states))
     substeps, every = _whole(substeps, "substeps"), _whole(every, "every", len(control))
     start = np.vstack([states.T, np.zeros(len(states))])
     trajectories = new_trajectories(start, len(control) // every + 1, OBSERVED)
@@ -387,24 +354,3 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
     for stored in (trajectories.history, trajectories.observed):
         np.copyto(stored, np.nan, where=ended)
     return trajectories
-
-
-def fly_nominal(constants, cells, reference, substeps):
-    """The nominal as `fly` integrates it, the y* of its feedback: states at the ends of all intervals.
-
-    Args:
-        constants, cells, reference, substeps: as of `fly`.
-
-    Returns:
-        (N + 1, 8), states in their order there.
-
-    Raises:
-        ValueError: as `fly`, or if the nominal comes below altitude zero or is not finite.
-    """
-    trajectories = fly(constants, cells, reference, np.zeros(STATES), [reference.initial_state], substeps=substeps)
-    if trajectories.outcome[0] != COMPLETED:
-        end = "comes below altitude zero" if trajectories.outcome[0] == CRASHED else "is not finite"
-        raise ValueError(
-            f"the nominal {end} on interval {trajectories.length[0] - 1} of {len(reference.bank_acceleration)}"
-        )
-    return trajectories.history[:, :STATES, 0].copy()

@@ -16,7 +16,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, Setup, gain_scale, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
-from marsedl.papers.desensitized.linearization import Model, model, position_columns, position_rows, transitions
+from marsedl.papers.desensitized.linearization import model, position_columns, position_rows, transitions
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import last_finite_row
@@ -24,7 +24,6 @@ from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
 TUNING_STREAM, START_STREAM = 1, 2  # of the random numbers, the latter of the first channel; flights use others
-STARTS_PER_TUNING = 10  # random starts of the least gains, for each start of the tuning
 
 
 class Law(NamedTuple):
@@ -49,16 +48,13 @@ class Tuning(NamedTuple):
     ensemble: Ensemble
 
 
-def gain_problem(planet: Planet, design: Design, linearization: Linearization | Model, columns, forcing=None):
-    """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry.
-
-    forcing: of the columns, (N, points, 8, c), or None.
-    """
+def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns):
+    """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry."""
     scheme = str(linearization.scheme)
 
     def at_points(values):
         """By the midpoint rule the one point of an interval is no dimension of the problem."""
-        return values[:, 0] if scheme == "midpoint" and values is not None else values
+        return values[:, 0] if scheme == "midpoint" else values
 
     return sensitivity_gains.GainProblem(
         scheme=scheme,
@@ -69,7 +65,6 @@ def gain_problem(planet: Planet, design: Design, linearization: Linearization | 
         outputs=position_rows(planet),
         fed_back=np.arange(len(MEASURED)),
         state_scale=gain_scale(planet, design),
-        forcing=at_points(forcing),
     )
 
 
@@ -115,9 +110,9 @@ def channel_gains(tuning: Tuning, linearization: Linearization, plain: Law, chan
 
 
 def random_starts(design: Design, ensemble: Ensemble, channel):
-    """Random starts of the search for least gains of a channel, (starts, 6): those of the study of other gains."""
-    count = max(design.gain_start, STARTS_PER_TUNING * design.tuning_starts)
-    return normals(ensemble.seed, START_STREAM + CHANNELS.index(channel), np.arange(count), len(MEASURED))
+    """Random starts of the search for least gains of a channel, (starts, 6)."""
+    numbers = np.arange(design.gain_start)
+    return normals(ensemble.seed, START_STREAM + CHANNELS.index(channel), numbers, len(MEASURED))
 
 
 def least_gains(planet: Planet, design: Design, ensemble: Ensemble, linearization, channel):
@@ -176,8 +171,7 @@ def tuned(tuning: Tuning, nominal_reference, channel, least):
         for start in starts
         if np.isfinite(simulate(start)).all()
     ]
-    ranking = sensitivity_gains.rank([result.k for result in results], simulate)
-    return [results[number] for number in ranking.order]
+    return [results[number] for number in sensitivity_gains.rank([result.k for result in results], simulate)]
 
 
 def together(setup: Setup, nominal: Nominal, channel) -> Law:

@@ -146,8 +146,7 @@ class Design(Section):
     )
     gain_start: Annotated[int, Strict(), Field(ge=0, le=10_000)] = given(
         "1",
-        "start of the search for the smallest gains: 0 from none, or downrange_gain_start; n from the n-th random "
-        "start of the study of other gains",
+        "start of the search for the smallest gains: 0 from none, or downrange_gain_start; n from the n-th random one",
     )
     gain_time: Positive = given("s", "the norm of gains scales velocities by the planet's radius over this time")
     gain_step_limit: Positive = given("1", "largest change of the gains in one iteration")
@@ -212,28 +211,16 @@ class Ensemble(Trials):
 class Studies(Section):
     """Studies of what the paper leaves open."""
 
-    roll_banks: vector(2) = given("rad", "further turns of the bank in the guesses of the rolling solutions")
-    search_starts: Few = given("1", "random guesses from which other solutions of the nominal problem are sought")
-    density_error: Annotated[Positive, Field(le=0.5)] = given(
-        "1", "relative error of the density in the further perturbations, which also fly twice as much"
-    )
-    velocity_error: Positive = given("m/s", "error of the entry velocity, of the further perturbations")
-    path_angle_error: Positive = given("rad", "error of the entry flight path angle, of the further perturbations")
-    density_weights: Weights = given("1", "weights on the norm of the sensitivity to density")
     studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
         "1", "numbers of intervals of the discretisation study, each a multiple of the one before"
     )
     fuel_bounds: vector(2, Positive) = given("rad/s^2", "bounds of the bank acceleration in the problems of least fuel")
-    larger_weight_factors: Rows = given(
-        "1", "largest weights to which the last row of Table 3 is continued, over the weight of that row"
-    )
     low_heights: vector(2, Positive) = given(
         "m", "heights above deployment between which lie the altitudes that count as low"
     )
 
     @model_validator(mode="after")
     def _rises(self):
-        _increases("larger_weight_factors", (1.0, *self.larger_weight_factors))
         _increases("low_heights", self.low_heights)
         return self
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.linearization import linearize_intervals
-from marsedl.methods.sensitivity import adjoint_rows, propagate_columns, scheme_transitions
+from marsedl.methods.sensitivity import propagate_columns, scheme_transitions
 from marsedl.papers.desensitized import entry_problem, records
 from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
 from marsedl.papers.desensitized.inputs import Planet, Solver, Vehicle
@@ -20,17 +20,16 @@ class Model(NamedTuple):
     time: np.ndarray  # (N + 1,)
     state_matrix: np.ndarray  # (N, points, 8, 8)
     control_matrix: np.ndarray  # (N, points, 8)
-    density_matrix: np.ndarray  # (N, points, 8), per density factor
 
 
 def model(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory) -> Model:
-    """Linearise about a trajectory, with the density factor as a further control."""
+    """Linearise about a trajectory."""
     parameters = np.tile(list(entry_problem.given().values()), (len(along.bank_acceleration), 1))
     controls = np.column_stack([along.bank_acceleration, parameters])
     linear = linearize_intervals(
         entry_problem.rates(planet, vehicle), along.state, controls, np.diff(along.time), scheme
     )
-    return Model(scheme, along.time, linear.state_matrix, linear.control_matrix[..., 0], linear.control_matrix[..., -1])
+    return Model(scheme, along.time, linear.state_matrix, linear.control_matrix[..., 0])
 
 
 def transitions(of: Model | Linearization, gain=0.0):
@@ -69,7 +68,6 @@ def compute(planet: Planet, vehicle: Vehicle, solver: Solver, nominal: Nominal, 
         state_matrix=linear.state_matrix,
         control_matrix=linear.control_matrix,
         sensitivity=propagate_columns(steps, columns),
-        adjoint=adjoint_rows(steps, rows),
         final=np.array(final),
         printed_weight=tradeoff.printed_weight,
     )

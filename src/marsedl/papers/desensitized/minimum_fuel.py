@@ -65,14 +65,12 @@ def under_bound(setup: Setup, nominal: Nominal, bound):
         status[1:] = [f"stopped at a share of {way.last.given['weight']:.4g}"] * 2
     fields = [described(vehicle, bound, *pair) for pair in zip(solutions, solved, strict=True)]
     function = np.where(reached, -way.last.costates[:, BANK_RATE] * DEGREE, np.nan)
-    on_branch = described(vehicle, bound, way.on_branch, first.status == SOLVED)
     return {
         "status": status,
         **{name: [field[name] for field in fields] for name in fields[0]},
         "switching": function,
         "switching_violation": violation(function, thrust(way.last), bound),
         "branch_share": way.on_branch.given["weight"] if first.status == SOLVED else np.nan,
-        "branch_cumulative": on_branch["cumulative"],
     }
 
 

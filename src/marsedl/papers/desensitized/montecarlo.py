@@ -7,6 +7,7 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
+from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
@@ -37,9 +38,10 @@ def simulate(
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     bound = vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
+    exits = TableExits(planet)
     reduced = [
         ensembles.run_blocks(
-            block_simulator(flights, gains, number),
+            exits.watching(block_simulator(flights, gains, number)),
             first,
             last,
             block_size=flown.block_size,
@@ -48,6 +50,7 @@ def simulate(
         )
         for number in range(len(gains.law))
     ]
+    exits.say(f"flights {first:,} to {last - 1:,}, under all laws")
     return FlightChunk(**_by_law(reduced))
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.methods.collocation import Guess, Solution, resimulate
+from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM, Trajectory
 from marsedl.papers.desensitized.inputs import Mission, Planet, Solver, Vehicle
@@ -22,6 +23,7 @@ def compute(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) 
     # The adaptive barrier leaves the guess's branch on some meshes.
     solution = entry_problem.solve(solver, "nominal", transcribed, guess, barrier=WARM)
     refuse_other_branch(solver, entry_problem.of_solution(solution))
+    TableExits(planet).count(solution.states[:, 0]).say("nominal flight")
     return described(planet, vehicle, mission, solution)
 
 

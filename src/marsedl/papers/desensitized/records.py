@@ -14,10 +14,7 @@ STUDIED = ("cases", "scheme", "meshes")
 CHANNELS = ("radius", "crossrange", "downrange")
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
 LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
-PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
-DENSITY = PERTURBATIONS.index("density")
 SOLUTIONS = ("nominal", "least fuel", "least energy beside it")  # of the study of least fuel
-EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
 STATE = Axis(
     "motion",
     altitude="m",
@@ -34,13 +31,9 @@ MOTION = Axis("measured", *list(STATE.units)[:6])  # what feedback measures
 OBSERVED = Axis("observed", bank_acceleration="rad/s^2", command_magnitude="rad/s^2")
 CHANNEL = Axis("entry_error", *CHANNELS)  # of the errors at entry
 POSITION = Axis("position", *CHANNELS)  # of the final errors; in radius and altitude they are the same
-FLOWN_PERTURBATION = Axis("law_perturbation", "density", "radius")  # of every law
-SIGN = Axis("sign", "positive", "negative")
 COMPARED = Axis("compared", "first", "second")  # of two errors at entry
 END_CONDITION = Axis("end_condition", "initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
 BEYOND = Axis("side", "last", "beyond")  # of a fold: last on the branch, first beyond it
-ONE_SET = Axis("one_set", "linear", "tuned")  # gains for all channels
-LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
 
 
 @record
@@ -77,17 +70,15 @@ class Tradeoff:
     """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
 
     Errors are those that the sensitivity gives for the radius error of Table 3. Rows are those of c1 = 0, of the
-    printed weights, and of the weights that stand for an infinite one.
+    printed weights, and of the weights that stand for an infinite one; one whose control energy lies below the least is
+    left out.
     """
 
     path_weight: np.ndarray = quantity(
         "deg^2/s^3", ("steps",), "weight on the norm of the sensitivity", label="weight $c$"
     )
     path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0", label="control energy $J_0$")
-    path_norm: np.ndarray = quantity("1", ("steps",), "norm of the sensitivity in the objective")
-    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
     path_error: np.ndarray = quantity("m", ("steps", POSITION), "final altitude, crossrange and downrange error")
-    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
     path_status: np.ndarray = quantity("1", ("steps",), "how the solver ended", "str")
     path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
     branch: np.ndarray = quantity("1", ("branch",), "what the first solution of each branch is called", "str")
@@ -110,7 +101,6 @@ class Tradeoff:
     cumulative: np.ndarray = quantity("rad/s", ("rows",), "integral of the absolute bank acceleration")
     propellant: np.ndarray = quantity("kg", ("rows",), "propellant of the reaction control system")
     error: np.ndarray = quantity("m", ("rows", POSITION), "final altitude, crossrange and downrange error")
-    norm: np.ndarray = quantity("1", ("rows",), "norm of the sensitivity in the objective")
     reversals: np.ndarray = quantity("1", ("rows",), "bank reversals", "int64")
     row_branch: np.ndarray = quantity("1", ("rows",), "number of the branch", "int64")
     largest_bank_rate: np.ndarray = quantity("rad/s", ("rows",), "largest bank rate, either way")
@@ -119,33 +109,6 @@ class Tradeoff:
     status: np.ndarray = quantity("1", ("rows",), "how the solver ended", "str")
     iterations: np.ndarray = quantity("1", ("rows",), "iterations of the solver", "int64")
     solves: int = quantity("1", (), "solves on the path and for the rows")
-
-
-@record
-class LargerWeights:
-    """The last row of Table 3 and its continuation to larger weights: what an infinite one costs.
-
-    Errors are those that the sensitivity gives for the radius error of Table 3. Air is thin where density times squared
-    velocity is below a hundredth of the flight's largest: bank motion there hardly turns the flight.
-    """
-
-    weight: np.ndarray = quantity(
-        "deg^2/s^3", ("weights",), "weight on the norm of the sensitivity", label="weight $c$"
-    )
-    effort: np.ndarray = quantity("deg^2/s^3", ("weights",), "control energy J0", label="control energy $J_0$")
-    cumulative: np.ndarray = quantity("rad/s", ("weights",), "integral of the absolute bank acceleration")
-    propellant: np.ndarray = quantity(
-        "kg", ("weights",), "propellant of the reaction control system", label="propellant"
-    )
-    error: np.ndarray = quantity("m", ("weights", POSITION), "final altitude, crossrange and downrange error")
-    thin_air_share: np.ndarray = quantity(
-        "1", ("weights",), "share of the cumulative bank rate that is spent in thin air"
-    )
-    reversals: np.ndarray = quantity("1", ("weights",), "bank reversals", "int64")
-    at_bound: np.ndarray = quantity("1", ("weights",), "share of the intervals with the largest bank acceleration")
-    status: np.ndarray = quantity("1", ("weights",), "how the solver ended", "str")
-    iterations: np.ndarray = quantity("1", ("weights",), "iterations of the solver", "int64")
-    ended: str = quantity("1", (), "where the continuation ends", "str")
 
 
 @record
@@ -165,9 +128,6 @@ class Linearization:
     control_matrix: np.ndarray = quantity("SI", ("intervals", "points", STATE), "df/du there")
     sensitivity: np.ndarray = quantity(
         COLUMN_UNIT, ("time", STATE, CHANNEL), "states against position at entry, nominal"
-    )
-    adjoint: np.ndarray = quantity(
-        "SI", ("time", POSITION, STATE), "final position (m, angles times radius) against the states"
     )
     final: np.ndarray = quantity(
         "m/m",
@@ -236,7 +196,6 @@ class Responses:
     largest_command: np.ndarray = quantity(
         "rad/s^2", ("law", CHANNEL), "largest bank acceleration commanded, before its bound", allow_nan=True
     )
-    largest_bank_rate: np.ndarray = quantity("rad/s", ("law", CHANNEL), "largest bank rate", allow_nan=True)
     compared_error: np.ndarray = quantity("m", (COMPARED,), "errors at entry, by which laws are compared")
     tabulated_error: np.ndarray = quantity(
         "m",
@@ -323,32 +282,10 @@ class FlightEnsemble(Flights):
 
 @record
 class Branches:
-    """Local minima of the problem without weight, sorted by control energy, and what begins at them.
+    """Local minima without weight, conditions on the bank, and the nominal's branch through its fold."""
 
-    Solutions are counted once with their mirror images, where the problem has them, and with whole turns of the bank
-    angle added. Errors are those that the sensitivity gives for the radius error of Table 3, weights those on the norm
-    of the radius column in metres per metre, unless told otherwise. Rows are those of Table 3 with a finite weight.
-    """
-
-    name: np.ndarray = quantity("1", ("solutions",), "what the solution is called by its bank angle", "str")
+    name: np.ndarray = quantity("1", ("solutions",), "what the solution is called; first the nominal", "str")
     effort: np.ndarray = quantity("deg^2/s^3", ("solutions",), "control energy J0", label="control energy $J_0$")
-    cumulative: np.ndarray = quantity("rad/s", ("solutions",), "integral of the absolute bank acceleration")
-    propellant: np.ndarray = quantity("kg", ("solutions",), "propellant of the reaction control system")
-    final_time: np.ndarray = quantity("s", ("solutions",), "time from entry to deployment")
-    reversals: np.ndarray = quantity("1", ("solutions",), "bank reversals", "int64")
-    rolls: np.ndarray = quantity("1", ("solutions",), "full turns of the bank angle", "int64")
-    error: np.ndarray = quantity("m", ("solutions", POSITION), "final altitude, crossrange and downrange error")
-    time: np.ndarray = quantity("s", ("solutions", "node"), "nodes", label="time from entry")
-    bank: np.ndarray = quantity("rad", ("solutions", "node"), "bank angle", label="bank angle")
-    found: np.ndarray = quantity("1", ("solutions",), "random starts that led to it", "int64")
-    returned: np.ndarray = quantity(
-        "rad", ("solutions",), "bank angle's largest change when shaken and solved again; NaN: failed", allow_nan=True
-    )
-    nominal: int = quantity("1", (), "number of the nominal among the solutions")
-    starts: int = quantity("1", (), "random starts")
-    failed_starts: int = quantity("1", (), "random starts that led to no solution")
-    roll: np.ndarray = quantity("rad", ("roll",), "turn of the bank angle in a guess")
-    roll_status: np.ndarray = quantity("1", ("roll",), "how the solver ended from that guess", "str")
 
     set_fixed: np.ndarray = quantity(
         "1", ("sets", END_CONDITION), "whether initial bank, its rate, final bank, its rate are fixed", "bool"
@@ -367,43 +304,20 @@ class Branches:
     curve_weight: np.ndarray = quantity(
         "deg^2/s^3", ("points",), "weight of which the point is a stationary one", label="weight $c$"
     )
-    curve_final_bank: np.ndarray = quantity("rad", ("points",), "bank angle at deployment")
     fold_weight: float = quantity("deg^2/s^3", (), "largest weight on that branch; NaN: no fold", allow_nan=True)
     fold_error: float = quantity("m", (), "norm of the final error there", allow_nan=True)
-
-    continued_solution: np.ndarray = quantity("1", ("continued",), "solution at which the branch begins", "int64")
-    continued_weight: np.ndarray = quantity(
-        "deg^2/s^3", ("continued",), "weight on the norm as in the trade-off, of the branches beside the nominal's"
-    )
-    continued_effort: np.ndarray = quantity(
-        "deg^2/s^3", ("continued",), "control energy J0", label="control energy $J_0$"
-    )
-    continued_cumulative: np.ndarray = quantity("rad/s", ("continued",), "integral of the absolute bank acceleration")
-    continued_error: np.ndarray = quantity(
-        "m", ("continued", POSITION), "final altitude, crossrange and downrange error"
-    )
-
-    row_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1")
-    row_error: np.ndarray = quantity("m", ("rows",), "norm of the row's final error")
-    row_effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "the row's control energy")
-    least_effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "least one found anywhere at no larger error")
-    least_solution: np.ndarray = quantity(
-        "1", ("rows",), "solution at which that branch begins; -1: the row itself has the least", "int64"
-    )
 
 
 @record
 class Certificates:
-    """What the solutions are worth.
+    """Both cases, the nominal and the row of the largest finite weight, by every scheme on every mesh.
 
-    Errors are of the final altitude, crossrange and downrange. Sensitivities are metric, in metres per metre. Cases:
-    the nominal, then the row of the largest finite weight. What a solver could not solve has its status and NaN.
+    Errors are of the final altitude, crossrange and downrange. What a solver could not solve has its status and NaN.
     """
 
     weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity", label="weight $c$")
     scheme: np.ndarray = quantity("1", ("scheme",), "transcription", "str")
     intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64", label="intervals")
-
     mesh_status: np.ndarray = quantity("1", STUDIED, "how the solver ended", "str")
     mesh_iterations: np.ndarray = quantity("1", STUDIED, "iterations from the solution on a mesh beside it", "int64")
     mesh_effort: np.ndarray = quantity(
@@ -411,9 +325,6 @@ class Certificates:
     )
     mesh_cumulative: np.ndarray = quantity(
         "rad/s", STUDIED, "integral of the absolute bank acceleration", allow_nan=True
-    )
-    mesh_bank_change: np.ndarray = quantity(
-        "rad", STUDIED, "largest difference of the bank angle to the inputs' mesh", allow_nan=True
     )
     mesh_error: np.ndarray = quantity(
         "m", (*STUDIED, POSITION), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
@@ -430,55 +341,10 @@ class Certificates:
     error_order: np.ndarray = quantity(
         "1", ("cases", "scheme", "refinements"), "order of the error's difference to flights", allow_nan=True
     )
-
     mesh_longitude_deviation: np.ndarray = quantity(
         "m/m", STUDIED, "largest deviation of the longitude column from its unit vector, all nodes", allow_nan=True
     )
-    mesh_crossrange_deviation: np.ndarray = quantity(
-        "m/m", STUDIED, "of the final crossrange column from that of a turned flight", allow_nan=True
-    )
-    mesh_solver_deviation: np.ndarray = quantity(
-        "1", STUDIED, "relative, of the solver's radius column from the recursion; NaN without weight", allow_nan=True
-    )
-    flow_deviation: np.ndarray = quantity(
-        "1",
-        ("cases", "scheme"),
-        "relative, of the sensitivity on the inputs' mesh from differences of the discrete flow",
-        allow_nan=True,
-    )
-
-    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight of the rows of Table 3")
-    row_longitude_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes, for the rows of Table 3")
-    row_crossrange_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes")
-    row_solver_deviation: np.ndarray = quantity("1", ("rows",), "as of the meshes, all nodes")
-    row_adjoint_deviation: np.ndarray = quantity("m/m", ("rows",), "largest difference of adjoint and forward")
-    row_frobenius_deviation: np.ndarray = quantity(
-        "1", ("rows",), "relative, of the squared norm of all columns from that of the radius column and the turn"
-    )
-    row_defect: np.ndarray = quantity("1", ("rows",), "largest defect of an interval in the scales of the states")
-    mirrored_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight seen in a mirror")
-    shifted_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight moved in longitude")
-    mirrored_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error in the mirror")
-    shifted_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error when moved")
-
-    slope_weight: np.ndarray = quantity("deg^2/s^3", ("slopes",), "weights at which the slope of the curve is taken")
-    slope_deviation: np.ndarray = quantity(
-        "1", ("slopes",), "relative deviation of dJ0/d(norm), by differences, from minus the weight", allow_nan=True
-    )
-
-    variant: np.ndarray = quantity("1", ("variant",), "derivatives and how the equations are traced", "str")
-    variant_status: np.ndarray = quantity("1", ("cases", "variant"), "how the solver ended", "str")
-    variant_iterations: np.ndarray = quantity(
-        "1", ("cases", "variant"), "iterations from one and the same start", "int64"
-    )
-    variant_effort: np.ndarray = quantity("deg^2/s^3", ("cases", "variant"), "control energy J0 of the last iterate")
-    variant_reversals: np.ndarray = quantity("1", ("cases", "variant"), "its bank reversals", "int64")
-
-    radius_error: np.ndarray = quantity("m", ("radius_error",), "radius errors at entry", label="radius error at entry")
-    linear_error: np.ndarray = quantity("m", ("cases", "radius_error", POSITION), "final errors by the sensitivity")
-    flown_error: np.ndarray = quantity(
-        "m", ("cases", "radius_error", POSITION), "final errors as flown", allow_nan=True
-    )
+    row_longitude_deviation: np.ndarray = quantity("m/m", ("rows",), "the same of the rows of Table 3")
 
 
 @record
@@ -535,105 +401,3 @@ class MinimumFuel:
         "share of the fuel in the cost as far as the nominal's branch goes; 1: to the end",
         allow_nan=True,
     )
-    branch_cumulative: np.ndarray = quantity(
-        "rad/s", ("bound",), "integral of the absolute bank acceleration there", allow_nan=True
-    )
-
-
-@record
-class FurtherPerturbations:
-    """Sensitivity to further perturbations, a nominal desensitized against density, and feedback against it.
-
-    Errors are of the final altitude, crossrange and downrange. Perturbations: density, velocity along its direction,
-    flight path angle, radius, crossrange, downrange. Linear errors are by the scheme of the transcription. Flown errors
-    are those of the perturbation either way, first the positive one; NaN: below the ground before the end. Designs are
-    the nominal and the solutions at the wanted weights on density.
-    """
-
-    perturbation: np.ndarray = quantity("1", ("perturbation",), "name", "str")
-    size: np.ndarray = quantity("1, m/s, rad, m, m, m", ("perturbation",), "size")
-    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the radius of the rows of Table 3")
-    row_linear_error: np.ndarray = quantity(
-        "m", ("rows", "perturbation", POSITION), "by the sensitivity, rows of Table 3"
-    )
-    row_flown_error: np.ndarray = quantity(
-        "m", ("rows", "perturbation", SIGN, POSITION), "as flown, rows of Table 3", allow_nan=True
-    )
-
-    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity to density")
-    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0", label="control energy $J_0$")
-    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
-    path_error: np.ndarray = quantity("m", ("steps", POSITION), "for the density error, by the columns of the solver")
-    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
-    path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
-    branch: np.ndarray = quantity("1", ("branch",), "what the first solution of each branch is called", "str")
-    path_end: str = quantity("1", (), "why the path ends where it does", "str")
-
-    design_weight: np.ndarray = quantity("deg^2/s^3", ("designs",), "weight on the sensitivity to density")
-    design_time: np.ndarray = quantity("s", ("designs", "node"), "nodes", label="time from entry")
-    design_bank: np.ndarray = quantity("rad", ("designs", "node"), "bank angle", label="bank angle")
-    design_bank_acceleration: np.ndarray = quantity("rad/s^2", ("designs", "intervals"), "on each interval")
-    design_effort: np.ndarray = quantity("deg^2/s^3", ("designs",), "control energy J0", label="control energy $J_0$")
-    design_cumulative: np.ndarray = quantity("rad/s", ("designs",), "integral of the absolute bank acceleration")
-    design_propellant: np.ndarray = quantity("kg", ("designs",), "propellant of the reaction control system")
-    design_branch: np.ndarray = quantity("1", ("designs",), "number of the branch", "int64")
-    design_linear_error: np.ndarray = quantity("m", ("designs", "perturbation", POSITION), "by the sensitivity")
-    design_flown_error: np.ndarray = quantity(
-        "m", ("designs", "perturbation", SIGN, POSITION), "as flown", allow_nan=True
-    )
-
-    law: np.ndarray = quantity("1", ("law",), "feedback on the nominal", "str")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("law", MOTION), "gains on position and velocity by their scales")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("law", STATE), "gains on the states")
-    converged: np.ndarray = quantity("1", ("law",), "whether the search for them converged", "bool")
-    ended: np.ndarray = quantity("1", ("law",), "how it ended", "str")
-    law_linear_error: np.ndarray = quantity(
-        "m", ("law", FLOWN_PERTURBATION, POSITION), "by the sensitivity, for density and radius error", allow_nan=True
-    )
-    density_error: np.ndarray = quantity("1", ("density_error",), "relative errors of the density under every law")
-    density_flown_error: np.ndarray = quantity("m", ("law", "density_error", POSITION), "as flown", allow_nan=True)
-    radius_error: np.ndarray = quantity(
-        "m", ("radius_error",), "radius errors under every law", label="radius error at entry"
-    )
-    radius_flown_error: np.ndarray = quantity("m", ("law", "radius_error", POSITION), "as flown", allow_nan=True)
-
-
-@record
-class GainStudy:
-    """Candidates of every channel in the order of their flown errors, and gains for all channels at once."""
-
-    channel: np.ndarray = quantity("1", ("candidates",), "radius, crossrange or downrange, as a number", "int64")
-    method: np.ndarray = quantity("1", ("candidates",), "how the gains were found", "str")
-    found: np.ndarray = quantity("1", ("candidates",), "starts that led there", "int64")
-    rank: np.ndarray = quantity("1", ("candidates",), "place among the channel's candidates, 0 the best", "int64")
-    scaled_gain: np.ndarray = quantity(
-        "rad/s^2", ("candidates", MOTION), "gains on position and velocity by their scales"
-    )
-    linear_error: np.ndarray = quantity(
-        "m/m", ("candidates", POSITION), "final radius, crossrange and downrange by the linear sensitivity"
-    )
-    flown_norm: np.ndarray = quantity("1", ("candidates",), "root mean square of the flown errors per initial error")
-    tuning_error: np.ndarray = quantity("m", ("tuning_error",), "initial errors flown", label="error at entry")
-    flown_error: np.ndarray = quantity(
-        "m",
-        ("candidates", "tuning_error"),
-        "norm of the final error they lead to",
-        allow_nan=True,
-        label="final position error",
-    )
-    least_starts: np.ndarray = quantity("1", (CHANNEL,), "random starts of the least gains, by channel", "int64")
-    least_failed: np.ndarray = quantity("1", (CHANNEL,), "those that did not converge", "int64")
-    all_sizes: np.ndarray = quantity(
-        "m", ("all_sizes",), "initial errors of every channel, flown with one set of gains", label="error at entry"
-    )
-    all_scaled_gain: np.ndarray = quantity(
-        "rad/s^2", (ONE_SET, MOTION), "one set of gains: of the linear problem, and tuned"
-    )
-    all_flown_error: np.ndarray = quantity(
-        "m",
-        (ONE_SET, CHANNEL, "all_sizes"),
-        "norm of the final error that they lead to, by channel",
-        allow_nan=True,
-        label="final position error",
-    )
-    all_tuned: bool = quantity("1", (), "whether the tuning of the one set came to an end")

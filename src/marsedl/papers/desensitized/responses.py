@@ -68,7 +68,6 @@ def responses_of_law(planet: Planet, vehicle: Vehicle, simulation: Simulation, r
         "acceleration": acceleration[1:],
         "cumulative": finite(trials.final_state[components.CUMULATIVE, 1:]),
         "largest_command": finite(trials.observed_maximum[components.COMMAND_MAGNITUDE, 1:]),
-        "largest_bank_rate": np.abs(state[:, :, components.BANK_RATE]).max(axis=1),
         "tabulated_error": swept(np.tile(simulation.compared_errors, (len(CHANNELS), 1))),
         "wide_error": swept(wide),
         "narrow_error": swept(narrow),

@@ -13,9 +13,7 @@ from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensem
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
     CHANNELS,
-    EXACT,
     LAWS,
-    LOST,
     MOTION,
     NO_DOC,
     RESHAPED,
@@ -23,10 +21,7 @@ from marsedl.papers.desensitized.records import (
     Branches,
     Certificates,
     FlightEnsemble,
-    FurtherPerturbations,
     Gains,
-    GainStudy,
-    LargerWeights,
     MinimumFuel,
     Responses,
     Tradeoff,
@@ -209,17 +204,6 @@ def sensitivity_blocks(gains: Gains):
     return table(rows, {"law": Column(), "final error in": Column(), **columns})
 
 
-def sensitivity_norms(gains: Gains):
-    """Norms of the columns of the block S_p of every law, and of the block."""
-    per_km = KM * gains.final
-    rows = [
-        (LAW_NAMES[str(law)], *np.linalg.norm(per_km[number], axis=0), np.linalg.norm(per_km[number]))
-        for number, law in enumerate(gains.law)
-    ]
-    columns = {f"{channel} at entry": Column("m per km", "z.1f", "norm of its column") for channel in CHANNELS}
-    return table(rows, {"law": Column(), **columns, "all three": Column("m per km", "z.1f", "Frobenius norm")})
-
-
 def gain_sets(gains: Gains, responses: Responses):
     """Every law: its gains, how their search ended, and what its trajectory takes."""
     cumulative = responses.nominal_cumulative / DEGREE
@@ -267,47 +251,6 @@ def gain_responses(gains: Gains, responses: Responses):
             "cumulative bank rate": Column("deg/s", ".3f", "with the drawn error"),
             "largest commanded bank acceleration": Column("deg/s^2", ".4f", "with the drawn error, before its bound"),
         },
-    )
-
-
-def candidate_gains(gain_study: GainStudy):
-    """Gains that meet the paper's problem as well, by channel and rank."""
-    study, order = gain_study, np.lexsort((gain_study.rank, gain_study.channel))
-    channel, norm = study.channel[order], study.flown_norm[order]
-    linear = KM * np.linalg.norm(study.linear_error[order], axis=1)
-    return _columns(
-        {
-            "against errors in": ([CHANNELS[number] for number in channel], Column()),
-            "rank": (study.rank[order] + 1, Column("", "d", "by flown errors")),
-            "method": (study.method[order], Column(meaning="how the gains were computed")),
-            "starts that led there": (study.found[order], Column()),
-            "random starts": (study.least_starts[channel], Column(meaning="for least gains, of the channel")),
-            "random starts that failed": (study.least_failed[channel], Column(meaning="that led to no least gains")),
-            **_gain_columns(study.scaled_gain[order]),
-            "linear sensitivity": (linear, Column("m per km", ".3f")),
-            **{
-                f"final error for {size:+g} m": (study.flown_error[order, k], FINAL_ERROR)
-                for k, size in enumerate(study.tuning_error)
-            },
-            "root mean square": (np.where(norm < LOST, norm, np.nan), ROOT_MEAN_SQUARE),
-            "lost": (norm >= LOST, Column(meaning="whether one of these flights is")),
-        }
-    )
-
-
-def one_gain_set(gain_study: GainStudy):
-    """One set of gains for all channels: of the linear problem, and tuned to flown errors."""
-    study, ended = gain_study, "" if gain_study.all_tuned else ", not converged"
-    methods = "regularised least squares, with the trajectory", f"tuned to flown errors{ended}"
-    errors = study.all_flown_error.reshape(-1, len(study.all_sizes))
-    return _columns(
-        {
-            "method": (np.repeat(methods, len(CHANNELS)), Column(meaning="how the gains were computed")),
-            "error at entry in": (CHANNELS * len(methods), Column()),
-            **_gain_columns(np.repeat(study.all_scaled_gain, len(CHANNELS), axis=0)),
-            **{f"final error for {size:+g} m": (errors[:, k], FINAL_ERROR) for k, size in enumerate(study.all_sizes)},
-            "root mean square": (np.sqrt(np.mean((errors / study.all_sizes) ** 2, axis=1)), ROOT_MEAN_SQUARE),
-        }
     )
 
 
@@ -396,10 +339,6 @@ def discretisation_errors(certificates: Certificates):
             "intervals": (study.intervals[mesh], Column()),
             "J0": (study.mesh_effort.ravel(), Column("deg^2/s^3", ".5f", EFFORT.meaning)),
             "cumulative bank rate": (study.mesh_cumulative.ravel() / DEGREE, CUMULATIVE),
-            "change of the bank angle": (
-                study.mesh_bank_change.ravel() / DEGREE,
-                Column("deg", ".3f", "largest, from the inputs' mesh"),
-            ),
             "final error": (norms(study.mesh_error), Column("m", ".2f", "norm, by the scheme's sensitivity")),
             "final error by flights": (
                 norms(study.mesh_flown_error),
@@ -421,126 +360,7 @@ def discretisation_errors(certificates: Certificates):
     )
 
 
-def identities(certificates: Certificates):
-    """Identities, symmetries and stationarity by row of Table 3; the slope is examined in some rows only."""
-    study = certificates
-    slopes = dict(zip(study.slope_weight, study.slope_deviation, strict=True))
-
-    def check(values, unit, meaning):
-        return values, Column(unit, ".1e", meaning)
-
-    return _columns(
-        {
-            "weight": (study.row_weight, WEIGHT),
-            "longitude column": check(study.row_longitude_deviation, "m/m", "less its unit vector, at any node"),
-            "crossrange column": check(
-                study.row_crossrange_deviation, "m/m", "at the end, less that of a turned flight"
-            ),
-            "solver's radius column": check(study.row_solver_deviation, "", "against the recursion, relative"),
-            "adjoint": check(study.row_adjoint_deviation, "m/m", "against forward"),
-            "squared norm": check(
-                study.row_frobenius_deviation,
-                "",
-                "of all columns against that of the radius column and the turn, relative",
-            ),
-            "defect": check(study.row_defect, "", "largest of an interval, in the scales of the states"),
-            "defect in a mirror": check(study.mirrored_defect, "", "of the flight seen in a mirror"),
-            "defect when moved": check(study.shifted_defect, "", "of the flight moved in longitude"),
-            "error in a mirror": check(study.mirrored_error_deviation, "m", "change of the final error"),
-            "error when moved": check(study.shifted_error_deviation, "m", "change of the final error"),
-            "slope": (
-                [slopes.get(weight) for weight in study.row_weight],
-                Column("", "+.1e", "dJ0/d(norm) over minus the weight, less one; empty: not examined"),
-            ),
-        }
-    )
-
-
-def mesh_identities(certificates: Certificates):
-    """Identities of both cases, largest over schemes and meshes."""
-
-    def largest(values, unit, meaning):
-        """Largest of each case, of what was solved; None if nothing was."""
-        finite = (case[np.isfinite(case)] for case in values)
-        return [case.max() if case.size else None for case in finite], Column(unit, ".1e", meaning)
-
-    return _columns(
-        {
-            "weight": (certificates.weight, WEIGHT),
-            "longitude column": largest(certificates.mesh_longitude_deviation, "m/m", "less its unit vector"),
-            "crossrange column": largest(certificates.mesh_crossrange_deviation, "m/m", "less that of a turned flight"),
-            "discrete flow": largest(
-                certificates.flow_deviation, "", "differences of it against the sensitivity, relative"
-            ),
-        }
-    )
-
-
-def derivatives(certificates: Certificates):
-    """How the solver ends with each kind of derivatives, from one and the same start."""
-    exact = list(certificates.variant).index(EXACT)
-    rows = [
-        (
-            certificates.weight[case],
-            variant,
-            certificates.variant_status[case, number],
-            certificates.variant_iterations[case, number],
-            certificates.variant_effort[case, number] / certificates.variant_effort[case, exact] - 1.0,
-        )
-        for case in range(len(certificates.weight))
-        for number, variant in enumerate(certificates.variant)
-    ]
-    change = Column("", "+.1e", f"relative, from that of {EXACT} ones")
-    return table(rows, {"weight": WEIGHT, "derivatives": Column(), **SOLVER, "change of J0": change})
-
-
-def linearity(certificates: Certificates):
-    """Flown over linear final errors for radius errors of several sizes."""
-    flown_norm = np.linalg.norm(certificates.flown_error, axis=-1)
-    ratio = flown_norm / np.linalg.norm(certificates.linear_error, axis=-1)
-    rows = [
-        (certificates.weight[case], size, ratio[case, number])
-        for case in range(len(certificates.weight))
-        for number, size in enumerate(certificates.radius_error)
-    ]
-    columns = {
-        "radius error at entry": Column("m", "+g"),
-        "flown over linear": Column("", ".5f", "of norms"),
-    }
-    return table(rows, {"weight": WEIGHT, **columns})
-
-
 # ---- other solutions -------------------------------------------------------------------------------------------------
-
-
-def local_minima(simulation: Simulation, branches: Branches):
-    """Local minima of the problem without weight, by control energy, and how they were found."""
-    study, solutions = branches, len(branches.name)
-    at_entry = f"for {simulation.tabulated_error:+g} m of radius at entry"
-    return _columns(
-        {
-            "solution": (study.name, Column()),
-            "nominal": (np.arange(solutions) == study.nominal, Column()),
-            "J0": (study.effort, EFFORT),
-            "cumulative bank rate": (study.cumulative / DEGREE, Column("deg/s", ".3f", CUMULATIVE.meaning)),
-            "fuel": (study.propellant, FUEL),
-            "final time": (study.final_time, Column("s", ".2f")),
-            "bank reversals": (study.reversals, REVERSALS),
-            "full rolls": (study.rolls, Column()),
-            "final position error": (np.linalg.norm(study.error, axis=1), Column("m", ".1f", at_entry)),
-            **{f"its {name}": (study.error[:, k], Column("m", "z.1f")) for k, name in enumerate(ERRORS)},
-            "starts that led there": (study.found, Column(meaning="of the random ones")),
-            "random starts": ([study.starts] * solutions, Column(meaning="of the whole study")),
-            "random starts that failed": (
-                [study.failed_starts] * solutions,
-                Column(meaning="that led to none of the solutions"),
-            ),
-            "change when shaken": (
-                study.returned / DEGREE,
-                Column("deg", ".1e", "largest of the bank angle when shaken and solved again"),
-            ),
-        }
-    )
 
 
 def bank_conditions(mission: Mission, published, branches: Branches):
@@ -584,61 +404,6 @@ def bank_conditions(mission: Mission, published, branches: Branches):
     )
 
 
-def fold(tradeoff: Tradeoff, branches: Branches):
-    """The nominal's branch at given final errors, through its fold, and where the path over the weight leaves it."""
-    beyond = branches.curve_error < branches.fold_error  # nowhere, if there is none
-    rows = [
-        ("beyond the fold" if beyond[number] else "on the branch", *point)
-        for number, point in enumerate(
-            zip(
-                branches.curve_error,
-                branches.curve_effort,
-                branches.curve_weight,
-                branches.curve_final_bank / DEGREE,
-                strict=True,
-            )
-        )
-    ]
-    if np.isfinite(branches.fold_weight):
-        top = ("fold, largest weight", branches.fold_error, None, branches.fold_weight, None)
-        rows.insert(np.count_nonzero(~beyond), top)
-    for ends in zip(tradeoff.fold_error, tradeoff.fold_effort, tradeoff.fold_weight, strict=True):
-        for side, name in enumerate(("last before it leaves a branch", "first on the next branch")):
-            rows.append((f"path over the weight: {name}", *(values[side] for values in ends), None))
-    return table(
-        rows,
-        {
-            "point": Column(),
-            "final position error": Column("m", ".2f"),
-            "least J0": Column("deg^2/s^3", ".6f", "at this error"),
-            "weight": Column("deg^2/s^3", ".7f", "of which the point is stationary"),
-            "bank angle at deployment": Column("deg", ".2f"),
-        },
-    )
-
-
-def dominance(branches: Branches):
-    """Rows of Table 3 against the least control energy found on any branch at no larger error."""
-    rows = []
-    for number, weight in enumerate(branches.row_weight):
-        solution, least = branches.least_solution[number], branches.least_effort[number]
-        start = (branches.name[solution], branches.effort[solution]) if solution >= 0 else (None, None)
-        row_effort = branches.row_effort[number]
-        rows.append((weight, branches.row_error[number], row_effort, least, _ratio(least, row_effort), *start))
-    return table(
-        rows,
-        {
-            "c1": C1,
-            "final position error": Column("m", ".1f"),
-            "J0 of the row": EFFORT,
-            "least J0": Column("deg^2/s^3", ".4f", "on any branch at no larger error"),
-            "least over the row's": Column("", ".4f"),
-            "branch begins at": Column(meaning="the solution where that branch begins; empty: the row has the least"),
-            "J0 there": EFFORT,
-        },
-    )
-
-
 def least_fuel(minimum_fuel: MinimumFuel):
     """Least control energy and least fuel under each bound of the bank acceleration, and how the thrust is spread."""
     study, least = minimum_fuel, SOLUTIONS.index("least fuel")
@@ -675,138 +440,6 @@ def least_fuel(minimum_fuel: MinimumFuel):
                 Column("", ".4g", "share of the fuel in the cost where the nominal's branch ends"),
             ),
             "solver": (study.status.ravel(), STATUS),
-        }
-    )
-
-
-# ---- further perturbations -------------------------------------------------------------------------------------------
-
-
-def infinite_weight(tradeoff: Tradeoff, larger_weights: LargerWeights):
-    """What an infinite weight costs: the last rows of Table 3, and their continuation to larger weights."""
-    study = larger_weights
-    rows = [
-        (
-            tradeoff.weight[number],
-            "a row of Table 3",
-            row_c1(tradeoff.printed_weight[number]),
-            *_row_numbers(tradeoff, number),
-            None,
-            None,
-            tradeoff.reversals[number],
-            tradeoff.status[number],
-            tradeoff.iterations[number],
-        )
-        for number in range(last_finite_row(tradeoff), len(tradeoff.weight))
-        if tradeoff.weight[number] < study.weight[0]
-    ]
-    rows += [
-        (
-            weight,
-            "the continuation" if number else "the last row of Table 3",
-            None if number else np.inf,
-            study.effort[number],
-            study.cumulative[number] / DEGREE,
-            study.propellant[number],
-            np.linalg.norm(study.error[number]),
-            100.0 * study.at_bound[number],
-            100.0 * study.thin_air_share[number],
-            study.reversals[number],
-            study.status[number],
-            study.iterations[number],
-        )
-        for number, weight in enumerate(study.weight)
-    ]
-    return table(
-        rows,
-        {
-            "weight": WEIGHT,
-            "from": Column(meaning=f"the continuation ends {study.ended}"),
-            "c1": Column("", "g", "of the row of Table 3"),
-            **COSTS,
-            "final position error": Column("m", ".1f"),
-            "at the bound": Column("%", ".0f", "intervals with the largest bank acceleration"),
-            "in thin air": Column("%", ".1f", "share of the cumulative bank rate"),
-            "bank reversals": REVERSALS,
-            **SOLVER,
-        },
-    )
-
-
-def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
-    """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
-    study = further_perturbations
-
-    def norms(linear_error, flown_error):
-        """By perturbation: by the sensitivity, flown either way."""
-        return np.column_stack([np.linalg.norm(linear_error, axis=-1), np.linalg.norm(flown_error, axis=-1)]).ravel()
-
-    rows = [
-        (
-            "radius",
-            row_c1(tradeoff.printed_weight[number]),
-            weight,
-            tradeoff.effort[number],
-            tradeoff.propellant[number],
-            tradeoff.branch[tradeoff.row_branch[number]],
-            *norms(study.row_linear_error[number], study.row_flown_error[number]),
-        )
-        for number, weight in enumerate(study.row_weight)
-    ]
-    rows += [
-        (
-            "density",
-            None,
-            weight,
-            study.design_effort[number],
-            study.design_propellant[number],
-            study.branch[study.design_branch[number]],
-            *norms(study.design_linear_error[number], study.design_flown_error[number]),
-        )
-        for number, weight in enumerate(study.design_weight)
-        if weight > 0.0  # without weight it is the nominal again
-    ]
-    columns = {
-        "sensitivity to": Column(meaning=f"what is weighed; the path over the weight on density ends {study.path_end}"),
-        "c1": Column("", "g", "of the row of Table 3"),
-        "weight": WEIGHT,
-        "J0": EFFORT,
-        "fuel": FUEL,
-        "branch begins with": BRANCH,
-    }
-    for perturbation, size in zip(study.perturbation, study.size, strict=True):
-        name = _size_and_name(perturbation, size)
-        columns |= {
-            f"{name}: linear": Column("m", ".1f", "final error by the sensitivity"),
-            f"{name}: flown": Column("m", ".1f", "final error"),
-            f"{name}: flown, minus": Column("m", ".1f", "final error for the perturbation with the other sign"),
-        }
-    return table(rows, columns)
-
-
-def _size_and_name(perturbation, size):
-    """A perturbation with its size in the unit of a table."""
-    units = {"density": (100.0, " %"), "velocity": (1.0, " m/s"), "flight path angle": (1.0 / DEGREE, " deg")}
-    factor, unit = units.get(str(perturbation), (1.0, " m"))
-    return f"{perturbation} {size * factor:g}{unit}"
-
-
-def density_feedback(further_perturbations: FurtherPerturbations):
-    """Feedback on the nominal against density errors: gains, and final errors of density and radius, flown."""
-    study = further_perturbations
-    sizes = dict(zip(study.perturbation, study.size, strict=True))
-    names = [f"{_size_and_name(name, sizes[name])}: linear" for name in ("density", "radius")]
-    names += [f"density {100 * error:+g} %: flown" for error in study.density_error]
-    names += [f"radius {error:+g} m: flown" for error in study.radius_error]
-    errors = np.concatenate([study.law_linear_error, study.density_flown_error, study.radius_flown_error], axis=1)
-    norms = np.linalg.norm(errors, axis=-1)
-    return _columns(
-        {
-            "feedback": (study.law, Column()),
-            **_gain_columns(study.scaled_gain),
-            "converged": (study.converged, Column()),
-            "how the search ended": (study.ended, Column()),
-            **{name: (norms[:, k], FINAL_ERROR) for k, name in enumerate(names)},
         }
     )
 

@@ -140,11 +140,19 @@ def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solutio
     )
 
 
+def has_row(design: Design, least):
+    """Which of the printed weights have a row: no solution has a control energy below the least, deg^2/s^3."""
+    if design.weight_rule == "proportional":
+        return np.full(len(design.printed_weights), True)
+    return design.matched_efforts >= least
+
+
 def chosen(solver: Solver, design: Design, transcribed, points) -> list[Point]:
     """The rows of the printed weights between zero and infinity."""
     if design.weight_rule == "proportional":
         return [at_weight(points, weight) for weight in design.weight_factor * design.printed_weights]
-    return [at_effort(solver, transcribed, points, effort) for effort in design.matched_efforts]
+    efforts = design.matched_efforts[has_row(design, effort(points[0].solution))]
+    return [at_effort(solver, transcribed, points, target) for target in efforts]
 
 
 def at_weight(points, weight) -> Point:
@@ -202,13 +210,6 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
     return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
-def norm(planet: Planet, design: Design, extended, solution: Solution):
-    """Norm of the sensitivity in the objective."""
-    names = [variable.name for variable in solution.problem.states]
-    end = dict(zip(names, solution.states[-1], strict=True))
-    return float(np.sqrt(entry_problem.squared_norm(planet, design, end, [p.name for p in extended.perturbations])))
-
-
 def described(setup: Setup, simulation: Simulation, extended, points, folds, rows) -> Tradeoff:
     """Path, folds and rows as an artifact."""
     planet, design = setup.planet, setup.design
@@ -226,21 +227,18 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
-    size = len(STATES)
+    size, finite = len(STATES), design.printed_weights[has_row(design, effort(path[0]))]
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
-        path_norm=np.array([norm(planet, design, extended, s) for s in path]),
-        path_cumulative=np.array([cumulative(s) for s in path]),
         path_error=np.array([errors(s) for s in path]),
-        path_reversals=np.array([entry_problem.reversals(bank(s)) for s in path]),
         path_status=np.array([s.status for s in path]),
         path_branch=np.array([point.branch for point in points]),
         branch=np.array([entry_problem.branch_name(bank(p.solution)) for p in firsts]),
         fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
-        printed_weight=np.array([0.0, *design.printed_weights, *np.full(len(design.infinite_weights), np.nan)]),
+        printed_weight=np.array([0.0, *finite, *np.full(len(design.infinite_weights), np.nan)]),
         weight=np.array([s.given["weight"] for s in solutions]),
         time=np.array([s.time for s in solutions]),
         state=np.array([s.states[:, :size] for s in solutions]),
@@ -250,7 +248,6 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         cumulative=np.array([cumulative(s) for s in solutions]),
         propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in solutions]),
         error=np.array([errors(s) for s in solutions]),
-        norm=np.array([norm(planet, design, extended, s) for s in solutions]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in solutions]),
         row_branch=np.array([row.branch for row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),

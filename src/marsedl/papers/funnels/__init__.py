@@ -9,15 +9,11 @@ PAPER = Paper(
     citation="Stanford University and Carnegie Mellon University; no year or venue on the copy used",
     closeups=("funnel",),
     noise=(
-        *("*/funnel/gap", "*/funnel/tightness", "*/dubins/gap"),  # what is left where a solver ends
-        # Programs that the samples do not determine, and stationary points of polynomials far outside of their range.
-        *("corrected/stage_study/exponent_*", "*/stationary/stationary_*"),
+        *("*/funnel/gap", "*/funnel/tightness"),  # what is left where a solver ends
+        "*/stationary/stationary_*",  # stationary points of polynomials far outside of their range
         # Differences of solvers of first order, and searches that end within a tolerance.
-        *("corrected/coarse_funnels/multiplier_difference", "corrected/coarse_funnels/second_difference"),
-        *("corrected/coarse_funnels/round_trip*", "corrected/coarse_funnels/backward_programs"),
-        *("corrected/dubins_study/multiplier_difference", "corrected/dubins_study/backward_*"),
-        "corrected/dubins_study/round_trip",
-        "corrected/optima/start*",  # which optimum a start leads to
+        *("corrected/coarse_funnels/multiplier_difference", "corrected/coarse_funnels/round_trip*"),
+        *("corrected/coarse_funnels/backward_programs", "corrected/dubins_study/backward_level"),
     ),
     measured=True,
 )

@@ -1,20 +1,17 @@
-"""Funnels on coarse slices by other programs, orders and directions (robust entry funnels, Sec. 5)."""
+"""Funnels on coarse slices by other programs and directions (robust entry funnels, Sec. 5)."""
 
 import numpy as np
 
 from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
+from marsedl.papers.funnels.basics import COMPLETE, SPHERES
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Discretization, Gains, Linearization
-from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
-LOWER_ORDERS = {1: 1, 2: BASIS_DEGREE}  # than that of the inputs, each with the degree of the basis that it needs
-SECOND_SOLVER = "CLARABEL"  # at a few stages; the other solver takes all
-FIRST_SOLVER = "SCS"
+SOLVER = "SCS"  # of the programs with multipliers: faster than Clarabel
 
 
 @stage(claimed_in=("corrected",), priority=1)
@@ -28,21 +25,14 @@ def compute(
     gains: Gains,
     discretization: Discretization,
 ) -> CoarseFunnels:
-    """Funnels of lower order, by multipliers, backwards and back again."""
+    """Funnels by samples, by multipliers, backwards and back again."""
     air = environment.disturbed_air(planet, uncertainty)
     loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
     design = samples(recursion)
     spacing = environment.spacing_of(loop, studies.coarse_stages)
     steps = environment.slices(loop, spacing)
     variants = {"samples": by_samples(recursion, loop, gains, design, spacing, discretization)}
-    for order, degree in LOWER_ORDERS.items():
-        fitting = design if degree == BASIS_DEGREE else samples(recursion, degree=degree)
-        variants[f"order {order}"] = propagate(recursion, loop, gains, fitting, spacing, order=order)
-    # Every other one of the studied slices, as the second solver is slow.
-    fine = recursion.steps_per_slice
-    studied = [(environment.slice_at(loop, fine, share) - 1) * fine for share in studies.studied_slices[::2]]
-    second_stages = np.unique(np.array(studied) // spacing)
-    levels, states, second = by_multipliers(recursion, loop, gains, spacing, second_stages)
+    levels, states = by_multipliers(recursion, loop, gains, spacing)
     variants["multipliers"] = levels, _outcome(levels, states)
     back, programs, outcome = backwards(recursion, loop, gains, design, steps, studies.backward_level)
     variants["backward"] = back, outcome
@@ -57,7 +47,6 @@ def compute(
         variant_outcome=np.array([outcome for _, outcome in variants.values()]),
         multiplier_status=np.array(states),
         multiplier_difference=float(np.abs(levels / variants["samples"][0] - 1.0).max()),
-        **second,
         backward_programs=programs,
         round_trip=float(np.abs(back / returned - 1.0).max()),
         round_trip_shortfall=float((returned / back - 1.0).max()),
@@ -73,34 +62,21 @@ def by_samples(recursion: Recursion, loop, gains: Gains, design, spacing, discre
     return discretization.level[0, number, :count], str(discretization.outcome[0, number])
 
 
-def by_multipliers(recursion: Recursion, loop, gains: Gains, spacing, studied):
-    """Levels by programs with multipliers (robust entry funnels, Sec. 5), and a second solver at the studied stages."""
-    program = MultiplierProgram(SPHERES.dimensions, solver=FIRST_SOLVER, tolerance=recursion.program_tolerance)
-    other = MultiplierProgram(SPHERES.dimensions, solver=SECOND_SOLVER)
+def by_multipliers(recursion: Recursion, loop, gains: Gains, spacing):
+    """Levels by programs with multipliers (robust entry funnels, Sec. 5), and how their solver ended."""
+    program = MultiplierProgram(SPHERES.dimensions, solver=SOLVER, tolerance=recursion.program_tolerance)
     count = len(environment.slices(loop, spacing)) - 1
     level, levels, states = gains.initial_level, np.full(count + 1, np.nan), ["not solved"] * count
-    difference, second_states = np.full(len(studied), np.nan), ["not solved"] * len(studied)
     levels[0] = level
     for k in range(count):
-        coefficients, _ = fitted(recursion, stage_at(recursion, loop, gains, k + 1, level, spacing))
+        coefficients = fitted(recursion, stage_at(recursion, loop, gains, k + 1, level, spacing))
         certificate = program.solve(coefficients)
         states[k] = certificate.status
-        for i in np.flatnonzero(studied == k):
-            second = other.solve(coefficients)
-            difference[i], second_states[i] = second.safe_bound / certificate.safe_bound - 1.0, second.status
         level *= certificate.safe_bound
         if not level <= recursion.largest_level:
             break
         levels[k + 1] = level
-    return (
-        levels,
-        states,
-        {
-            "second_stage": studied + 1,
-            "second_difference": finite(difference),
-            "second_status": np.array(second_states),
-        },
-    )
+    return levels, states
 
 
 def backwards(recursion: Recursion, loop, gains: Gains, design, steps, last_level):

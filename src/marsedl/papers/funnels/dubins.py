@@ -7,15 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.linear import linear_exact, slice_jacobians
 from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward, forward
 from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
-from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sos.design import well_chosen_design
-from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
@@ -32,7 +29,6 @@ WIND = 2  # components
 FUNNELS = {"flow": ("flow", False), "euler": ("euler", False), "wind": ("flow", True)}
 PROVEN = ("flow", "wind")  # the others leave out a part of the motion anyway
 CHECK_POINTS = 400  # of every stage: more than the 85 polynomials of degree 4 that are independent on S^2 x S^1
-FIT_POINTS = 400  # more than the 126 coefficients of degree 4 in 5 variables
 BACKWARD_TOLERANCE = 1e-6
 
 
@@ -131,34 +127,20 @@ def compute(recursion: Recursion, car: Car) -> Dubins:
         for (name, (condition, wind)), design in zip(FUNNELS.items(), designs, strict=True)
     ]
 
-    def checked(name):
-        return np.array([[getattr(check, name) for check in funnel.verifications] for funnel in funnels])
-
     return Dubins(
         time=time,
         half_time=np.interp(np.arange(len(state)) / 2.0, np.arange(len(time)), time),
         state=state,
         turn_rate=control[:, 0],
-        gain=regulator.gains[:, 0],
         half_gain=half_gain,
         shape=regulator.values,
         slice_step=steps,
         slice_time=time[steps],
         funnel=np.array(list(FUNNELS)),
         level=np.array([funnel.rho for funnel in funnels]),
-        half_width=np.array([funnel.half_widths for funnel in funnels]),
-        log_volume=np.array([funnel.log_volumes for funnel in funnels]),
         bound=np.array([funnel.polynomial_bound for funnel in funnels]),
-        gap=np.array([funnel.gap for funnel in funnels]),
-        residual=np.array([funnel.residual for funnel in funnels]),
-        iterations=np.array([funnel.iterations for funnel in funnels]),
         status=np.array([funnel.status for funnel in funnels]),
-        identity_error=checked("identity_error"),
-        least_value=checked("least_value"),
-        least_eigenvalue=checked("least_eigenvalue"),
-        rounding_margin=checked("rounding_margin"),
-        sound=checked("sound"),
-        basis_size=np.array([design.basis.shape[1] for design in designs]),
+        sound=np.array([[check.sound for check in funnel.verifications] for funnel in funnels]),
         samples=np.array([len(design.points) for design in designs]),
         rank=np.array([design.rank for design in designs]),
     )
@@ -183,82 +165,20 @@ def _propagated(recursion: Recursion, name, loop, first_level, shapes, steps, de
 
 @stage()
 def dubins_study(recursion: Recursion, car: Car, dubins: Dubins) -> DubinsStudy:
-    """Compare the funnels with other ways to compute them, and prove what can be proven."""
-    maxima = np.array([largest_values(recursion, car, dubins, number) for number in range(len(FUNNELS))])
-    multiplier = [_multiplier_levels(recursion, car, dubins, number) for number in range(len(FUNNELS))]
-    multiplier_level = np.array([levels for levels, _, _ in multiplier])
-    returned = _backwards(recursion, car, dubins)
+    """Compare with levels of linear dynamics and backwards, and prove what can be proven."""
     proven = [_proven_stages(recursion, car, dubins, name) for name in PROVEN]
 
-    def of_proven(name):
-        return np.array([[getattr(stage, name) for stage in stages] for stages in proven])
-
     return DubinsStudy(
-        funnel=dubins.funnel,
-        true_maximum=maxima,
-        violation=maxima / dubins.bound - 1.0,
-        multiplier_level=multiplier_level,
-        multiplier_status=np.array([status for _, status, _ in multiplier]),
-        multiplier_difference=np.abs(multiplier_level / dubins.level - 1.0).max(axis=1),
-        fit_error=np.array([error for _, _, error in multiplier]),
         linear_level=np.array([_linear_levels(car, dubins, wind) for _, wind in FUNNELS.values()]),
-        backward_level=returned.rho,
-        backward_programs=returned.programs,
-        round_trip=float((1.0 - returned.rho / dubins.level[0]).max()),
+        backward_level=_backwards(recursion, car, dubins).rho,
         proven_funnel=np.array(PROVEN),
         proven_level=np.array([[car.dubins_level, *(stage.levels[-1] for stage in stages)] for stages in proven]),
-        proven_polynomial=of_proven("polynomial_bound"),
-        proven_truncation=of_proven("truncation"),
-        proven_remainder=of_proven("remainder"),
-        proven_rise=of_proven("rise"),
     )
-
-
-def stage_of(order, dubins, loop, condition, number, level):
-    """A stage of a funnel at any level of its first slice; number: of that slice, from 0."""
-    first, last = (int(step) for step in dubins.slice_step[number : number + 2])
-    shape, next_shape = dubins.shape[first], dubins.shape[last]
-    return FunnelStage(loop, first, last, shape, next_shape, float(level), order, condition)
 
 
 def _loop(car: Car, dubins, wind):
     """The closed loop with or without wind."""
     return closed_loop(dubins, car.dubins_speed, car.dubins_wind if wind else None)
-
-
-def largest_values(recursion: Recursion, car: Car, dubins, number):
-    """Largest value found of the motion, at every stage of a funnel; the wind anywhere in its disc."""
-    condition, wind = FUNNELS[dubins.funnel[number]]
-    loop, dimensions = _loop(car, dubins, wind), spheres(wind).dimensions
-    search = {
-        "seed": recursion.design_seed + 2,
-        "full_ball": (False, True)[: len(dimensions)],
-        "starts": recursion.ascent_starts,
-        "polished": recursion.ascent_polished,
-        "iterations": recursion.ascent_iterations,
-    }
-    stages = (
-        stage_of(recursion.taylor_order, dubins, loop, condition, k, level)
-        for k, level in enumerate(dubins.level[number][:-1])
-    )
-    return [maximize(stage.true_values, dimensions, **search)[0] for stage in stages]
-
-
-def _multiplier_levels(recursion: Recursion, car: Car, dubins, number):
-    """Levels by programs that match coefficients, the words of their solver, and the largest error of the fits."""
-    condition, wind = FUNNELS[dubins.funnel[number]]
-    loop, program = _loop(car, dubins, wind), MultiplierProgram(spheres(wind).dimensions)
-    levels, states, errors = [car.dubins_level], [], []
-    for k in range(dubins.bound.shape[1]):
-        stage = stage_of(recursion.taylor_order, dubins, loop, condition, k, levels[-1])
-        coefficients, error = polynomial_coefficients(
-            stage.values, program.spheres.variables, 2 * BASIS_DEGREE, recursion.design_seed + 3, points=FIT_POINTS
-        )
-        certificate = program.solve(coefficients)
-        levels.append(levels[-1] * certificate.safe_bound)
-        states.append(certificate.status)
-        errors.append(error)
-    return levels, states, max(errors)
 
 
 def _linear_levels(car: Car, dubins, wind):

@@ -134,10 +134,10 @@ def state_scale(planet: Planet, guidance: Guidance):
     return _state(planet.planet_radius, guidance.scale_lengths, guidance.scale_velocity, guidance.scale_angles)
 
 
-def initial_semi_axes(planet: Planet, uncertainty: Uncertainty, factor=1.0):
-    """Semi-axes of the initial set S_1, times a factor, (6,)."""
-    axes = (uncertainty.initial_lengths, uncertainty.initial_velocity, uncertainty.initial_angles)
-    return _state(planet.planet_radius, *(factor * part for part in axes))
+def initial_semi_axes(planet: Planet, uncertainty: Uncertainty):
+    """Semi-axes of the initial set S_1, (6,)."""
+    lengths, velocity, angles = uncertainty.initial_lengths, uncertainty.initial_velocity, uncertainty.initial_angles
+    return _state(planet.planet_radius, lengths, velocity, angles)
 
 
 def initial_set(semi_axes):

@@ -9,9 +9,7 @@ from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, HEAT_RATE, LEVEL
 from marsedl.papers.funnels.inputs import Mission, Planet, Studies
 from marsedl.papers.funnels.records import (
     STATE,
-    CoarseFunnels,
     Discretization,
-    Divergence,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -21,7 +19,6 @@ from marsedl.papers.funnels.records import (
     Nominal,
     Optima,
     Proven,
-    StageStudy,
 )
 from marsedl.plotting.curves import SHADE, bounds, legend_below, legend_entry, mark, plot, trials, zero
 from marsedl.plotting.ellipses import ellipse
@@ -46,7 +43,6 @@ FALLING = "#cfe6f5"  # where V falls, in Fig. 4
 CURVE_COLOR = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 STEP_COLOR = (SKY, BLUE, BLACK, PURPLE)
 CONDITION_NAME = {"flow": "motion", "euler": "Euler"}
-RESOLVED = 1e-9  # relative: smaller deviations are on a linear part of their axis
 
 
 # ---- figures of the paper --------------------------------------------------------------------------------------------
@@ -317,76 +313,6 @@ def linear_bounds(
     return figure
 
 
-def undersampling(stage_study: StageStudy) -> Figure:
-    """Bound of a stage from fewer samples than needed, and how far it fails at fresh points."""
-    figure, (bound, excess) = new_figure(7.4, 3.6, ncols=2)
-    needed = stage_study.samples[list(stage_study.variety).index("S^5 x S^1")]
-    samples = field(stage_study, "few_samples", name="samples")
-    few = field(stage_study, "few_bound", name=r"bound of $V$ at the next slice, over $\rho$", x=samples)
-    at_fresh = "least distance of polynomial and bound,\nat fresh points"
-    least = field(stage_study, "few_least_value", name=at_fresh, x=samples)
-    dots = {"color": BLUE, "marker": "."}
-    best, largest = f"well chosen, {needed} samples", "largest value of the polynomial found"
-    mark(bound, y=stage_study.polynomial_maximum, color=GREEN, linewidth=4.0, linestyle="-", alpha=0.5, label=largest)
-    mark(bound, y=stage_study.form_bound[0], color=BLACK, linewidth=1.2, linestyle="--", label=best)
-    plot(bound, few, **dots, label="random samples")
-    zero(excess, **ZERO)
-    plot(excess, least, **dots)
-    refuted = {"color": VERMILION, "marker": "o", "linestyle": "none"}
-    plot(excess, least.where(least.values < 0.0), **refuted, label="refuted by fresh points")
-    mark(bound, excess, x=needed, linestyle="-")
-    legend_below(figure, (bound, excess), columns=2)
-    return figure
-
-
-def conditioning(stage_study: StageStudy) -> Figure:
-    """Condition numbers of bases at the samples, and of the samples themselves."""
-    rows = len(stage_study.basis), len(stage_study.design)
-    figure, (bases, designs) = new_figure(6.8, 1.8 + 0.24 * sum(rows), nrows=2, height_ratios=[1 + row for row in rows])
-    for axes, names, values, title in (
-        (bases, stage_study.basis, stage_study.basis_condition, "basis of degree 2"),
-        (designs, stage_study.design, stage_study.design_condition, "samples, degree 4"),
-    ):
-        _dots(axes, names, values, "{:.3g}")
-        axes.set(xscale="log", title=title)
-        spread = values.max() / values.min()
-        axes.set_xlim(values.min() / spread**0.05, values.max() * spread**0.2)  # room for the numbers
-    designs.set_xlabel("condition number")
-    return figure
-
-
-def stage_forms(stage_study: StageStudy) -> Figure:
-    """Bound of one stage by every form and solver, against the largest value of its polynomial, and iterations."""
-    figure, (deviations, iterations) = new_figure(7.6, 3.4, ncols=2, width_ratios=(1.6, 1), sharey=True)
-    study, place = stage_study, -np.arange(len(stage_study.form))
-    for values, marker, color, label in (
-        (study.form_bound, "o", BLUE, "bound"),
-        (study.form_safe_bound, "D", VERMILION, "bound that holds in spite of residuals"),
-    ):
-        relative = values / study.polynomial_maximum - 1.0
-        deviations.plot(relative, place, marker, color=color, markersize=4, label=label, fillstyle="none")
-    mark(deviations, x=0.0, linestyle="-")
-    deviations.set_xscale("symlog", linthresh=RESOLVED)
-    deviations.set(
-        xlabel="relative to the largest value found of the polynomial", yticks=place, yticklabels=list(study.form)
-    )
-    _dots(iterations, study.form, study.form_iterations, "{:d}")
-    iterations.set(xscale="log", xlabel="iterations")
-    iterations.set_xlim(0.5 * max(1, study.form_iterations.min()), 4.0 * study.form_iterations.max())
-    for number, status in enumerate(study.form_status):
-        if status != "optimal":
-            deviations.annotate(
-                str(status),
-                (0.02, place[number]),
-                (0, 5),
-                xycoords=("axes fraction", "data"),
-                textcoords="offset points",
-                fontsize=6,
-            )
-    legend_below(figure, [deviations], columns=2)
-    return figure
-
-
 def euler(linearization: Linearization, discretization: Discretization) -> Figure:
     """Euler bound against that of the motion, by stage and by step, and the levels of both by the number of slices."""
     figure, (stages, orders, levels) = new_figure(9.0, 3.9, ncols=3)
@@ -436,35 +362,6 @@ def euler(linearization: Linearization, discretization: Discretization) -> Figur
     levels.set_xticks(slices.values, [str(number) for number in slices.values])
     for axes in (stages, orders, levels):
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=7)
-    return figure
-
-
-def fragility(linearization: Linearization, coarse_funnels: CoarseFunnels, divergence: Divergence) -> Figure:
-    """Levels under cheaper feedback, wider density and larger initial sets, beside flights with the same inputs."""
-    figure, (axes, flights) = new_figure(8.4, 3.8, ncols=2, width_ratios=(4, 1), sharey=True)
-    time = field(linearization, "time").where(coarse_funnels.coarse_step)
-    level = {"name": r"level $\rho$", "x": time}
-    base = list(coarse_funnels.variant).index("samples")
-    as_it_is = field(coarse_funnels, "variant_level", at={"variant": base}, **level)
-    plot(axes, as_it_is, color=BLACK, linewidth=1.8, label="as it is")
-    for number, (name, factor) in enumerate(zip(divergence.change, divergence.change_factor, strict=True)):
-        color = CURVE_COLOR[number % len(CURVE_COLOR)]
-        level_after_change = field(divergence, "change_level", at={"change": number}, **level)
-        reached = np.isfinite(level_after_change.values)
-        ends = "" if reached.all() else " (ends)"
-        plot(axes, level_after_change, marker=".", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
-        if ends:
-            axes.plot(time.values[reached][-1:], level_after_change.values[reached][-1:], "x", color=color)
-        flights.plot(number, divergence.change_flown[number], "D", color=color, markersize=5)
-        lost = int(divergence.change_lost[number])
-        if lost:
-            flights.annotate(
-                f"{lost:,} lost", (number, 0.02), xycoords=("data", "axes fraction"), rotation=90, fontsize=7
-            )
-    axes.set(yscale="log", xlim=time.values[[0, -1]])
-    flights.set(title="largest $V$ of flights,\nat any time", xlim=(-0.7, len(divergence.change) - 0.3))
-    flights.set_xticks(range(len(divergence.change)), [f"{factor:g} x" for factor in divergence.change_factor])
-    legend_below(figure, [axes])
     return figure
 
 
@@ -600,16 +497,6 @@ def _kept(ensemble):
 def _end_of_funnel(funnel):
     """Why a funnel is not complete, shortly; nothing if it is."""
     return "" if funnel.outcome == COMPLETE else f"the funnel ends at slice {np.isfinite(funnel.level).sum()}"
-
-
-def _dots(axes, names, values, form):
-    """One dot a row, from above, with its number."""
-    place = -np.arange(len(names))
-    axes.plot(values, place, "o", color=BLUE, markersize=4)
-    for value, height in zip(values, place, strict=True):
-        axes.annotate(form.format(value), (value, height), (6, -3), textcoords="offset points", fontsize=7)
-    axes.set_yticks(place, list(names))
-    axes.margins(y=0.1)
 
 
 def _flights(ensemble, kind=""):

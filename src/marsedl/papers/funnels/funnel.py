@@ -235,7 +235,6 @@ def described_slices(
     undisturbed, worst = np.transpose(rising)
     return {
         "feedback": np.array(feedback),
-        "nominal_heat_rate": linearization.heat_rate[2 * steps],
         "heat_rate": np.array(heat_rate),
         "rising": worst,
         "rising_undisturbed": undisturbed,

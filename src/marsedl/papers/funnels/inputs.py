@@ -37,10 +37,7 @@ Points = Annotated[int, Strict(), Field(ge=3, le=2001)]
 Starts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
 
 Share = Annotated[float, Strict(), Field(ge=0, lt=1)]  # of the flight
-Shares = Annotated[tuple[Share, ...], Field(min_length=1, max_length=10), *ARRAY]
-Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10), *ARRAY]
 Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
-Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6), *ARRAY]
 
 
 def _check_bounds(name, bounds):
@@ -270,10 +267,6 @@ class Studies(Section):
     )
     benchmark_slice: Share = given("1", "slice whose stage is solved in all forms, as a share of the flight")
     benchmark_level: Positive = given("1", "level rho of that slice then")
-    studied_slices: Shares = given(
-        "1", "slices of stages studied with linear motion and over levels, as shares of the flight"
-    )
-    studied_levels: Levels = given("1", "levels rho of these slices then")
     studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20), *WHOLE] = given(
         "1", "numbers of random samples from which that stage is bounded"
     )
@@ -285,14 +278,6 @@ class Studies(Section):
         "stages in the study of their number, beside those of steps_per_slice. Of each we take the nearest number "
         "that divides fine_steps",
     )
-    studied_bank_factors: Factors = given("1", "factors of scale_bank in the study of what makes a funnel diverge")
-    studied_density_factors: Factors = given("1", "factors of the disturbances of the density in the same")
-    studied_initial_factors: Factors = given("1", "factors of the initial set in the same")
-    studied_trials: Few = given("1", "flights in each of these cases")
-    regulator_state_factors: Factors = given("1", "factors of all scales of the states in the study of the weights")
-    regulator_bank_factors: Factors = given("1", "factors of scale_bank in the same")
-    regulator_time_factors: Factors = given("1", "factors of state_cost_time in the same")
-    regulator_terminal_factors: Factors = given("1", "factors of terminal_weight in the same")
     backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
     coarse_stages: Few = given(
         "1",
@@ -310,8 +295,6 @@ class Studies(Section):
     def _studied(self):
         if any(later % first or later <= first for first, later in pairwise(self.studied_intervals)):
             raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
-        if len(self.studied_levels) != len(self.studied_slices):
-            raise ValueError("studied_levels: give one level for each of studied_slices")
         if self.fig4_coordinates[0] == self.fig4_coordinates[1]:
             raise ValueError("fig4_coordinates: two different ones span a plane")
         return self

@@ -41,5 +41,4 @@ def compute(
         disturbance_matrix=model.control_matrix[:, :, 1:],
         heat_rate=environment.heat_rate(vehicle, air, state[:, 0], state[:, 3]),
         deceleration=-reference_rates[3],
-        drift=state[-1] - nominal.state[-1],
     )

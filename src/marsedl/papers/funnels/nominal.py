@@ -16,10 +16,10 @@ from marsedl.methods.collocation import (
     Program,
     Solution,
     Variable,
-    resimulate,
     simulate,
 )
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
+from marsedl.papers.density import TableExits
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.environment import STATES
 from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
@@ -124,9 +124,10 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
 @stage()
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
+    TableExits(planet).count(np.array(planet.density_window)).say("density_window, over which the density is fitted")
     guesses = starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
     ends = search(planet, vehicle, mission, guidance, guidance.intervals, guesses)
-    solutions, _ = distinct(ends)
+    solutions = distinct(ends)
     if not solutions:
         raise _failure(ends)
     return described(planet, vehicle, solutions[0])
@@ -135,51 +136,29 @@ def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidan
 @stage()
 def optima(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, studies: Studies) -> Optima:
     """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
-    grid, rows, leads = starts(mission, guidance), [], []
+    grid, rows = starts(mission, guidance), []
     for intervals in (int(number) for number in studies.studied_intervals):
-        solutions, numbers = distinct(search(planet, vehicle, mission, guidance, intervals, grid))
-        leads.append(numbers)
-        for number, solution in enumerate(solutions):
+        for solution in distinct(search(planet, vehicle, mission, guidance, intervals, grid)):
             peak, time = peak_heat_rate(planet, vehicle, solution)
-            velocity, position = solution.state("velocity")[-1], time / solution.final_time * intervals
-            count = np.count_nonzero(numbers == number)
-            rows.append(
-                (intervals, solution.objective * DEGREE**2, solution.final_time, velocity, peak, position, count)
-            )
-    intervals, cost, final_time, final_velocity, peak, position, counts = np.array(rows).reshape(-1, 7).T
+            position = time / solution.final_time * intervals
+            rows.append((intervals, solution.objective * DEGREE**2, solution.final_time, peak, position))
+    intervals, cost, final_time, peak, position = np.array(rows).reshape(-1, 5).T
     return Optima(
         intervals=intervals.astype(np.int64),
         cost=cost,
         final_time=final_time,
-        final_velocity=final_velocity,
         peak_heat_rate=peak,
         peak_position=position,
-        starts=counts.astype(np.int64),
-        start_bank=np.array([bank for bank, _ in grid]),
-        start_final_time=np.array([time for _, time in grid]),
-        start_optimum=np.array(leads),
     )
 
 
 def distinct(ends):
-    """The different solutions among some ends of solves, by ascending cost, and the number of each.
-
-    Returns:
-        Tuple of the list of solutions and the number (from 0) of every end among them, -1 for one that is no solution.
-    """
+    """The different solutions among some ends of solves, by ascending cost."""
     solutions = []
     for solution in sorted((end for end in ends if isinstance(end, Solution)), key=lambda end: end.objective):
         if not (solutions and _same(solutions[-1], solution)):
             solutions.append(solution)
-    numbers = [_number(end, solutions) for end in ends]
-    return solutions, np.array(numbers)
-
-
-def _number(end, solutions):
-    """Number of an end of a solve among the solutions, -1 for one that is none."""
-    if not isinstance(end, Solution):
-        return -1
-    return next((number for number, solution in enumerate(solutions) if _same(solution, end)), -1)
+    return solutions
 
 
 def _same(one, other):
@@ -188,7 +167,7 @@ def _same(one, other):
 
 def described(planet: Planet, vehicle: Vehicle, solution) -> Nominal:
     """A solution as an artifact."""
-    state, (peak, time) = solution.states[:, : len(STATES)], peak_heat_rate(planet, vehicle, solution)
+    state = solution.states[:, : len(STATES)]
     return Nominal(
         time=solution.time,
         state=state,
@@ -196,12 +175,9 @@ def described(planet: Planet, vehicle: Vehicle, solution) -> Nominal:
         bank_rate=solution.controls[:, 0],
         cost=float(solution.objective * DEGREE**2),
         heat_rate=environment.heat_rate(vehicle, environment.undisturbed_air(planet), state[:, 0], state[:, 3]),
-        peak_heat_rate=peak,
-        peak_time=time,
-        miss=(resimulate(solution) - solution.states)[-1, : len(STATES)],
+        peak_heat_rate=peak_heat_rate(planet, vehicle, solution)[0],
         status=solution.status,
         iterations=solution.iterations,
-        worst_residual=solution.residual.value,
     )
 
 

@@ -50,10 +50,15 @@ def compute(
     return OpenLoop(
         trials=ensemble.trials,
         lost=int(np.count_nonzero(~finite)),
-        flown_half_width=on_ground.max(axis=1, initial=0.0),
-        repeat_half_width=np.array([part.max(axis=1, initial=0.0) for part in parts]),
+        flown_half_width=_farthest(on_ground),
+        repeat_half_width=np.array([_farthest(part) for part in parts]),
         linear_half_width=np.array([linear_reach(loop, gains) * planet.planet_radius for loop in loops]),
     )
+
+
+def _farthest(deviations):
+    """Largest deviation of some flights in each direction, not a number without any."""
+    return np.fmax.reduce(deviations, axis=1, initial=np.nan)
 
 
 def linear_reach(loop, gains: Gains) -> np.ndarray:

@@ -45,10 +45,10 @@ def stage_at(recursion: Recursion, loop, gains: Gains, number, level, spacing, *
 
 
 def fitted(recursion: Recursion, stage):
-    """Coefficients of the polynomial of a stage, and the error of their fit."""
+    """Coefficients of the polynomial of a stage."""
     return polynomial_coefficients(
         stage.values, SPHERES.variables, 2 * BASIS_DEGREE, (recursion.design_seed, FIT), points=1000
-    )
+    )[0]
 
 
 def propagate(recursion: Recursion, loop, gains: Gains, design, spacing, first_level=None, **options):

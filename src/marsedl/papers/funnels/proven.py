@@ -7,7 +7,6 @@ from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, half_widths
-from marsedl.papers.funnels.funnel import largest_heat_rate
 from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, Linearization, Proven
 from marsedl.replication.catalogue import stage
@@ -39,8 +38,6 @@ def compute(
     level[0] = gains.initial_level
     for proof in stages:
         level[proof.nodes] = proof.levels
-    straight = np.interp(np.arange(len(level)), steps, level[steps])
-    existing = np.isfinite(straight)
 
     def of_stages(name):
         missing = [np.nan] * (len(steps) - 1 - len(stages))
@@ -55,14 +52,6 @@ def compute(
         half_width=half_widths(2.0 * level[steps, np.newaxis, np.newaxis] * np.linalg.inv(gains.shape[steps])),
         node_time=linearization.time,
         node_level=level,
-        node_nominal_heat_rate=linearization.heat_rate[::2],
-        node_heat_rate=np.array(
-            [
-                largest_heat_rate(vehicle, air, state, shape, rho)
-                for state, shape, rho in zip(linearization.state[::2], gains.shape, level, strict=True)
-            ]
-        ),
-        interpolation_excess=float((level[existing] / straight[existing]).max() - 1.0) if len(stages) else np.nan,
         bound=level[steps[1:]] / level[steps[:-1]],
         **{name: of_stages(name) for name in ("polynomial_bound", "truncation", "remainder", "rise")},
         basis_size=design.basis.shape[1],

@@ -39,13 +39,8 @@ class Nominal:
         "W/m^2", ("time",), "heat rate at the nodes, where it is limited", label="heat rate"
     )
     peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
-    peak_time: float = quantity("s", (), "when it is reached")
-    miss: np.ndarray = quantity(
-        STATE.unit, (STATE,), "final state flown by a method of order eight, less the solution's"
-    )
     status: str = quantity("1", (), "how the solver ended", "str")
     iterations: int = quantity("1", (), "iterations of the solver")
-    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
 
 
 @record
@@ -58,15 +53,8 @@ class Optima:
     intervals: np.ndarray = quantity("1", ("optima",), "intervals of its mesh", "int64")
     cost: np.ndarray = quantity("rad^2/s", ("optima",), "integral of the squared bank rate")
     final_time: np.ndarray = quantity("s", ("optima",), "final time")
-    final_velocity: np.ndarray = quantity("m/s", ("optima",), "final velocity")
     peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
     peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
-    starts: np.ndarray = quantity("1", ("optima",), "starts that lead to it", "int64")
-    start_bank: np.ndarray = quantity("rad", ("start",), "constant bank angle of each start; the first is the guess")
-    start_final_time: np.ndarray = quantity("s", ("start",), "its final time")
-    start_optimum: np.ndarray = quantity(
-        "1", ("meshes", "start"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
-    )
 
 
 @record
@@ -86,27 +74,21 @@ class Linearization:
     disturbance_matrix: np.ndarray = quantity("SI", ("half", STATE, DISTURBANCE), "by the disturbance of the density")
     heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference", label="heat rate")
     deceleration: np.ndarray = quantity("m/s^2", ("half",), "deceleration of the reference")
-    drift: np.ndarray = quantity(STATE.unit, (STATE,), "final state of the reference, less that of the nominal")
 
 
 @record
 class Gains:
-    """Regulator, shapes of the slices at all nodes of the fine grid, and the level of the first one.
+    """Gain of the regulator, shapes of the slices at all nodes of the fine grid, and the level of the first one.
 
     V(xb) = 1/2 xb'P xb with P the shape; its unit is one over those of two states.
     """
 
     time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
-    gain: np.ndarray = quantity(
-        GAIN_UNIT, ("steps", STATE), "feedback of the deviation on the bank angle, on each step"
+    half_gain: np.ndarray = quantity(
+        GAIN_UNIT, ("half", STATE), "feedback of the deviation on the bank angle, at nodes and half-way between"
     )
-    half_gain: np.ndarray = quantity(GAIN_UNIT, ("half", STATE), "the same at nodes and half-way between")
-    value_matrix: np.ndarray = quantity("SI", ("time", STATE, STATE), "cost-to-go of the regulator")
     shape: np.ndarray = quantity("SI", ("time", STATE, STATE), "shape P of the slices")
     initial_level: float = quantity("1", (), "least level rho of the first slice that holds the initial set, Eq. 20")
-    condition: np.ndarray = quantity("1", ("time",), "condition number of the shape, in km, s and rad")
-    scaled_condition: np.ndarray = quantity("1", ("time",), "the same in scales of the regulator")
-    initial_feedback: float = quantity("rad", (), "largest feedback bank angle on the first slice")
 
 
 @record
@@ -128,7 +110,6 @@ class Funnel:
         "1", ("slices",), "natural logarithm of its volume, in the units of the states", allow_nan=True
     )
     feedback: np.ndarray = quantity("rad", ("slices",), "largest feedback bank angle in it", allow_nan=True)
-    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference", label="heat rate")
     heat_rate: np.ndarray = quantity(
         "W/m^2", ("slices",), "largest heat rate in the slice with any disturbance of the density", allow_nan=True
     )
@@ -195,11 +176,7 @@ class Funnel:
 
 @record
 class LinearBounds:
-    """Levels, sets and shapes of the linearised closed loop.
-
-    The value of a flight in the joint ellipsoid is 1 on its surface. Linear flights stay below 2, whose start is in the
-    initial set and whose disturbance is in its own. NaN: of flights that are not finite.
-    """
+    """Levels and largest deviations of the linearised closed loop."""
 
     time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time from entry")
     slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
@@ -211,28 +188,11 @@ class LinearBounds:
     exact_half_width: np.ndarray = quantity(
         STATE.unit, ("slices", STATE), "largest deviation of each state within the level of the first kind"
     )
-
-    joint_half_width: np.ndarray = quantity(
-        STATE.unit,
-        ("time", STATE),
-        "largest deviation within the joint ellipsoid of start and constant disturbance",
-    )
-    joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
-    flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
-    lost: int = quantity("1", (), "flights that are not finite")
-    flown_half_width: np.ndarray = quantity(STATE.unit, ("time", STATE), "largest deviation of them", allow_nan=True)
-    largest_value: np.ndarray = quantity("1", ("time",), "their largest value", allow_nan=True)
-    largest_linear_value: np.ndarray = quantity("1", ("time",), "the same if they were linear")
-    share_outside: float = quantity("1", (), "share of the flights whose value exceeds 1 at some time")
-    linear_share_outside: float = quantity("1", (), "the same if they were linear")
-    share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
-
     reachable_half_width: np.ndarray = quantity(
         STATE.unit,
         ("time", STATE),
         "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
     )
-    reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
 
 
 @record
@@ -244,8 +204,10 @@ class OpenLoop:
 
     trials: int = quantity("1", (), "flights without feedback")
     lost: int = quantity("1", (), "of which not finite")
-    flown_half_width: np.ndarray = quantity("m", (GROUND,), "largest final deviation of the others")
-    repeat_half_width: np.ndarray = quantity("m", ("repeats", GROUND), "the same of ten parts of the flights")
+    flown_half_width: np.ndarray = quantity("m", (GROUND,), "largest final deviation of the others", allow_nan=True)
+    repeat_half_width: np.ndarray = quantity(
+        "m", ("repeats", GROUND), "the same of ten parts of the flights", allow_nan=True
+    )
     linear_half_width: np.ndarray = quantity(
         "m", (FEEDBACK, GROUND), "largest final deviation of linear motion from the first slice, any disturbance"
     )
@@ -269,9 +231,6 @@ class StageStudy:
     product_rank: np.ndarray = quantity(
         "1", ("variety",), "rank of the products of the basis at more than enough samples; 0: not computed", "int64"
     )
-    exponent: np.ndarray = quantity("1", ("exponent",), "exponent d of Eq. 24", "int64")
-    exponent_degree: np.ndarray = quantity("1", ("exponent",), "degree of the left side of Eq. 24", "int64")
-    gram_degree: int = quantity("1", (), "degree of the right side")
 
     form: np.ndarray = quantity("1", ("form",), "form of the program and its solver", "str")
     form_bound: np.ndarray = quantity("1", ("form",), "bound", allow_nan=True)
@@ -282,14 +241,6 @@ class StageStudy:
     form_residual: np.ndarray = quantity("1", ("form",), "largest violation of the equations", allow_nan=True)
     form_iterations: np.ndarray = quantity("1", ("form",), "iterations of the solver", "int64")
     form_status: np.ndarray = quantity("1", ("form",), "how it ended", "str")
-    fit_error: float = quantity("1", (), "largest error of the coefficients at the fitted points")
-    polynomial_maximum: float = quantity("1", (), "largest value found of the polynomial, on both spheres")
-    disc_maximum: float = quantity("1", (), "the same with disturbances inside their disc as well")
-    true_maximum: float = quantity("1", (), "largest value found of the motion itself, there")
-    identity_error: float = quantity("1", (), "error of the sum of squares at fresh points")
-    least_value: float = quantity("1", (), "least distance from the polynomial to its bound there")
-    least_eigenvalue: float = quantity("1", (), "of the Gram matrix")
-    rounding_margin: float = quantity("1", (), "what rounding may change of it")
 
     few_samples: np.ndarray = quantity("1", ("few_samples",), "numbers of random samples", "int64")
     few_rank: np.ndarray = quantity("1", ("few_samples",), "products of the basis that they determine", "int64")
@@ -297,40 +248,22 @@ class StageStudy:
     few_least_value: np.ndarray = quantity(
         "1", ("few_samples",), "its least distance to the polynomial at fresh points"
     )
-    few_identity_error: np.ndarray = quantity("1", ("few_samples",), "error of the sum of squares there")
-
-    exponent_whitened_bound: np.ndarray = quantity("1", ("exponent",), "bound with (y'y)^d, on the unit sphere")
-    exponent_bound: np.ndarray = quantity(
-        "1", ("exponent", "design"), "bound with (x'x)^d of scaled states; the first samples are the funnel's"
-    )
-    exponent_status: np.ndarray = quantity("1", ("exponent", "design"), "how the solver ended", "str")
 
     basis: np.ndarray = quantity("1", ("basis",), "coordinates and basis", "str")
     basis_condition: np.ndarray = quantity("1", ("basis",), "condition number at the samples, without null directions")
-    design: np.ndarray = quantity("1", ("design",), "well chosen and random samples", "str")
-    design_condition: np.ndarray = quantity("1", ("design",), "condition number of the interpolation of degree 4")
-    design_bound: np.ndarray = quantity("1", ("design",), "bound from them")
-    invariance: np.ndarray = quantity("1", ("invariance",), "changes that must not change the bound", "str")
-    invariance_bound: np.ndarray = quantity("1", ("invariance",), "bound after them")
 
 
 @record
 class Stationary:
-    """Disturbances in which the rate of V is stationary, of the Euler polynomial of a stage and of the rates."""
+    """Disturbances in which the Euler polynomial of a stage is stationary, and the gradient of Eq. 35."""
 
     stationary_converged: float = quantity("1", (), "share of deviations for which Newton's method finds a point of O")
     stationary_norm: np.ndarray = quantity("1", (NORM,), "least, median and largest norm of w there", allow_nan=True)
     stationary_inside: int = quantity("1", (), "how many of them are in W")
-    stationary_saddles: float = quantity("1", (), "share of deviations and disturbances with an indefinite Hessian")
     stationary_value: float = quantity("1", (), "largest value of the Euler polynomial in them", allow_nan=True)
     boundary_value: float = quantity("1", (), "the same on the boundary of W")
     interior_better: int = quantity("1", (), "deviations for which a disturbance in W is worse than on its boundary")
     gradient_deviation: float = quantity("1", (), "largest relative deviation of Eq. 35 from differences of V'")
-    gradient_angle: float = quantity(
-        "rad", (), "largest angle from the gradient of the rates themselves to that of the logarithm of the density"
-    )
-    gradient_least: float = quantity("1", (), "least norm of it over the median: it is nowhere zero")
-    hessian_rank_one: float = quantity("1", (), "largest |determinant| over squared trace of the rates' own Hessian")
 
 
 @record
@@ -360,7 +293,7 @@ class Discretization:
 
 @record
 class CoarseFunnels:
-    """Funnels on the slices of the backward funnel by other programs, orders and directions."""
+    """Funnels on the slices of the backward funnel by other programs and directions."""
 
     coarse_step: np.ndarray = quantity("1", ("coarse",), "fine steps at which coarse slices are", "int64")
     variant: np.ndarray = quantity("1", ("variant",), "funnels with coarse slices", "str")
@@ -372,11 +305,6 @@ class CoarseFunnels:
     multiplier_difference: float = quantity(
         "1", (), "largest relative difference of levels by multipliers and by samples", allow_nan=True
     )
-    second_stage: np.ndarray = quantity("1", ("second",), "coarse stages, from 1, solved by Clarabel too", "int64")
-    second_difference: np.ndarray = quantity(
-        "1", ("second",), "relative difference of the bounds of both solvers there", allow_nan=True
-    )
-    second_status: np.ndarray = quantity("1", ("second",), "how Clarabel ended", "str")
     backward_programs: np.ndarray = quantity("1", ("coarse_stages",), "programs for each backward stage", "int64")
     round_trip: float = quantity(
         "1", (), "largest relative difference of the backward funnel and its return", allow_nan=True
@@ -384,65 +312,6 @@ class CoarseFunnels:
     round_trip_shortfall: float = quantity(
         "1", (), "largest by which the return exceeds it; never above the rounding", allow_nan=True
     )
-
-
-@record
-class UndisturbedFunnel:
-    """The funnel without disturbance."""
-
-    undisturbed_level: np.ndarray = quantity(
-        "1", ("base",), "levels of the slices of the inputs without disturbance", allow_nan=True
-    )
-    undisturbed_outcome: str = quantity("1", (), "complete, or why that funnel ends", "str")
-
-
-@record
-class Monotonicity:
-    """Levels that stages reach from several levels, and their bounds with linear motion."""
-
-    studied_slice: np.ndarray = quantity(
-        "1", ("studied_slice",), "slices, from 1, whose stages are taken over levels", "int64"
-    )
-    studied_level: np.ndarray = quantity("1", ("studied_slice", "factors"), "levels of these slices")
-    reached_level: np.ndarray = quantity("1", ("studied_slice", "factors"), "levels of the next slices")
-
-    linear_slice: np.ndarray = quantity("1", ("linear_slice",), "slices, from 1, of stages with linear motion", "int64")
-    linear_level: np.ndarray = quantity("1", ("linear_slice",), "their levels")
-    linear_small_bound: np.ndarray = quantity("1", ("linear_slice",), "bound with a basis of degree 1")
-    linear_large_bound: np.ndarray = quantity("1", ("linear_slice",), "bound with the basis of degree 2")
-    linear_exact: np.ndarray = quantity("1", ("linear_slice",), "largest value of linear motion, without samples")
-    linear_still_bound: np.ndarray = quantity("1", ("linear_slice",), "bound without disturbance, degree 1")
-    linear_still_exact: np.ndarray = quantity("1", ("linear_slice",), "largest squared singular value of the motion")
-    linear_gram_size: int = quantity("1", (), "rows of the Gram matrix of degree 1")
-    linear_samples: int = quantity("1", (), "its samples")
-
-
-@record
-class Divergence:
-    """Funnels with other inputs, on the slices of the backward funnel, and flights with the same inputs."""
-
-    change: np.ndarray = quantity("1", ("change",), "what is changed, with coarse slices", "str")
-    change_factor: np.ndarray = quantity("1", ("change",), "factor")
-    change_initial_level: np.ndarray = quantity("1", ("change",), "first level then")
-    change_level: np.ndarray = quantity("1", ("change", "coarse"), "levels then", allow_nan=True)
-    change_outcome: np.ndarray = quantity("1", ("change",), "complete, or why the funnel ends", "str")
-    change_flown: np.ndarray = quantity(
-        "1", ("change",), "largest V of flights with constant disturbance", allow_nan=True
-    )
-    change_lost: np.ndarray = quantity("1", ("change",), "flights that do not stay finite", "int64")
-
-
-@record
-class Regulators:
-    """Funnels with other weights of the regulator and another shape, on the slices of the backward funnel."""
-
-    slice_time: np.ndarray = quantity("s", ("coarse",), "time of the slices", label="time")
-    variant: np.ndarray = quantity("1", ("variant",), "which weight is another one", "str")
-    factor: np.ndarray = quantity("1", ("variant",), "its factor")
-    level: np.ndarray = quantity(
-        "1", ("variant", "coarse"), "level rho of the slices", allow_nan=True, label=r"level $\rho$"
-    )
-    outcome: np.ndarray = quantity("1", ("variant",), "complete, or why the funnel ends", "str")
 
 
 @record
@@ -478,13 +347,6 @@ class Proven:
     )
     node_time: np.ndarray = quantity("s", ("nodes",), "nodes of the fine grid", label="time from entry")
     node_level: np.ndarray = quantity("1", ("nodes",), "proven level there, between slices too", allow_nan=True)
-    node_nominal_heat_rate: np.ndarray = quantity("W/m^2", ("nodes",), "heat rate of the reference there")
-    node_heat_rate: np.ndarray = quantity(
-        "W/m^2", ("nodes",), "largest heat rate within that level, with any disturbance of the density", allow_nan=True
-    )
-    interpolation_excess: float = quantity(
-        "1", (), "by how much a level between slices is above the straight line at most, relative", allow_nan=True
-    )
     bound: np.ndarray = quantity(
         "1",
         ("stages",),
@@ -514,11 +376,10 @@ class Dubins:
     half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between", label="time")
     state: np.ndarray = quantity(CAR_STATE.unit, ("half", CAR_STATE), "nominal path: x, y and heading")
     turn_rate: np.ndarray = quantity("1/s", ("half",), "nominal turn rate, radians per second")
-    gain: np.ndarray = quantity(
-        "1/(m s), 1/(m s), 1/s", ("steps", CAR_STATE), "feedback of the deviation on the turn rate"
-    )
     half_gain: np.ndarray = quantity(
-        "1/(m s), 1/(m s), 1/s", ("half", CAR_STATE), "the same at nodes and half-way between"
+        "1/(m s), 1/(m s), 1/s",
+        ("half", CAR_STATE),
+        "feedback of the deviation on the turn rate, at nodes and half-way between",
     )
     shape: np.ndarray = quantity(
         "SI", ("time", CAR_STATE, CAR_STATE), "cost-to-go of the regulator, shape P of the slices"
@@ -528,66 +389,25 @@ class Dubins:
     slice_time: np.ndarray = quantity("s", ("slices",), "its time", label="time")
     funnel: np.ndarray = quantity("1", ("funnel",), "flow and Euler condition without wind, flow with wind", "str")
     level: np.ndarray = quantity("1", PER_CAR_SLICE, "level of the slice", label=r"level $\rho$")
-    half_width: np.ndarray = quantity(
-        "m, m, rad", (*PER_CAR_SLICE, CAR_STATE), "largest deviation of each state in the slice"
-    )
-    log_volume: np.ndarray = quantity("1", PER_CAR_SLICE, "logarithm of the volume of the slice, in m^2 rad")
     bound: np.ndarray = quantity(
         "1", PER_CAR_STAGE, "bound of V at the next slice by the program, relative to the level"
     )
-    gap: np.ndarray = quantity("1", PER_CAR_STAGE, "its duality gap")
-    residual: np.ndarray = quantity("1", PER_CAR_STAGE, "largest violation of its equations at the samples")
-    iterations: np.ndarray = quantity("1", PER_CAR_STAGE, "iterations of the solver", "int64")
     status: np.ndarray = quantity("1", PER_CAR_STAGE, "how the solver ended", "str")
-    identity_error: np.ndarray = quantity(
-        "1", PER_CAR_STAGE, "error of the Gram identity at fresh points, of the range"
-    )
-    least_value: np.ndarray = quantity(
-        "1", PER_CAR_STAGE, "least difference of bound and polynomial there, of the range"
-    )
-    least_eigenvalue: np.ndarray = quantity("1", PER_CAR_STAGE, "least eigenvalue of the Gram matrix")
-    rounding_margin: np.ndarray = quantity("1", PER_CAR_STAGE, "by how much it may be off")
     sound: np.ndarray = quantity("1", PER_CAR_STAGE, "whether all of this is as it should be", "bool")
 
-    basis_size: np.ndarray = quantity("1", ("funnel",), "polynomials in the basis, rows of the Gram matrix", "int64")
     samples: np.ndarray = quantity("1", ("funnel",), "samples", "int64")
     rank: np.ndarray = quantity("1", ("funnel",), "products of the basis that they determine", "int64")
 
 
 @record
 class DubinsStudy:
-    """The same funnels by other programs, backwards, of linear dynamics, against the motion itself, and proven."""
-
-    funnel: np.ndarray = quantity("1", ("funnel",), "names, as in the funnels", "str")
-    true_maximum: np.ndarray = quantity("1", PER_CAR_STAGE, "largest V of the motion found at the next slice, relative")
-    violation: np.ndarray = quantity(
-        "1", PER_CAR_STAGE, "by how much it exceeds the bound, relative; negative if below"
-    )
-
-    multiplier_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level by programs with multipliers and coefficients")
-    multiplier_status: np.ndarray = quantity("1", PER_CAR_STAGE, "how their solver ended", "str")
-    multiplier_difference: np.ndarray = quantity("1", ("funnel",), "largest relative difference to the samples' level")
-    fit_error: np.ndarray = quantity("1", ("funnel",), "largest error of the coefficients at the fitted points")
+    """Levels of linear dynamics, backwards from the last one, and proven."""
 
     linear_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level for linear dynamics, exact")
     backward_level: np.ndarray = quantity("1", ("slices",), "level backwards from the end of the first funnel")
-    backward_programs: np.ndarray = quantity("1", ("stages",), "programs solved for the stage", "int64")
-    round_trip: float = quantity("1", (), "largest shortfall of the backward level, relative; never below zero")
 
     proven_funnel: np.ndarray = quantity("1", ("proven",), "funnels whose levels are proven", "str")
     proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
-    proven_polynomial: np.ndarray = quantity(
-        "1",
-        ("proven", "stages"),
-        "bound of the polynomial of the stage, relative, on the slice and for all of the disc",
-    )
-    proven_truncation: np.ndarray = quantity(
-        "1", ("proven", "stages"), "addition for the terms above its degree that are polynomials"
-    )
-    proven_remainder: np.ndarray = quantity("1", ("proven", "stages"), "addition for everything else")
-    proven_rise: np.ndarray = quantity(
-        "1", ("proven", "stages"), "addition for what the polynomial may be larger inside of the slice"
-    )
 
 
 @record

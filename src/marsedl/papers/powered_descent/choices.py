@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.montecarlo.statistics import covariance as sample_covariance
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import Design, Ensemble, Entry, Mission, Noise, Planet, Studies, Vehicle
 from marsedl.papers.powered_descent.nominal import mass_passes
@@ -141,8 +142,8 @@ def _final_states(setup: Setup, steps, intervals, ensemble: Ensemble, trials):
         ends = final_states(designs[index[0]], scheme, multiple, intervals[index[1]])
         difference = ends - linear
         mean[index] = setup.divert.means[-1] + difference.mean(axis=0)
-        covariance[index] = np.cov(ends, rowvar=False)
-        error[index] = np.cov(difference, rowvar=False) / len(ends)
+        covariance[index] = sample_covariance(ends)
+        error[index] = sample_covariance(difference) / len(ends)
     return mean, covariance, error
 
 

@@ -1,26 +1,24 @@
-"""Figures of the paper, and two beyond it. Each function draws one file from artifacts."""
+"""Figures of the paper, and one beyond it. Each function draws one file from artifacts."""
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import histogram_percentile
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Drawing, Entry, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.powered_descent.inputs import Drawing, Entry, Mission, Planet, Studies, Vehicle
 from marsedl.papers.powered_descent.records import (
     MOTION,
-    STATE,
     THRUST,
     FixedPointStudy,
     FlightEnsemble,
     Gains,
-    IntegratorError,
     Nominal,
 )
 from marsedl.plotting.curves import legend_below, legend_entry, mark, plot, trials, zero
 from marsedl.plotting.ellipses import ellipse, probability_inside
 from marsedl.plotting.fields import field
 from marsedl.plotting.forms import covariance_ellipse, predicted_against_sampled
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, new_figure
 
 PLANE = ("downrange", "altitude")
 MEAN = {"color": BLACK, "linewidth": 0.9}
@@ -267,48 +265,6 @@ def fixed_point(studies: Studies, fixed_point: FixedPointStudy, gains: Gains) ->
     return figure
 
 
-def integrator_error(simulation: Simulation, integrator_error: IntegratorError) -> Figure:
-    """Strong error and bias of the final state against the step, for both schemes."""
-    units = list(dict.fromkeys(STATE.units.values()))
-    figure, panels = new_figure(7.6, 2.0 * len(units) + 1.0, nrows=len(units), ncols=2, sharex=True, sharey="row")
-    colors = dict(zip(STATE.names, (BLUE, ORANGE, GREEN, VERMILION, PURPLE), strict=True))
-    schemes = (("Runge-Kutta", "-", "o"), ("Euler-Maruyama", "--", "s"))
-    for unit, (strong_axes, bias_axes) in zip(units, panels, strict=True):
-        components = [component for component in STATE.names if STATE.units[component] == unit]
-        largest_error = np.zeros(len(integrator_error.step))
-        for number, (_, style, marker) in enumerate(schemes):
-            for component in components:
-                strong, bias, error = (
-                    field(integrator_error, f"{name}.{component}", at={"scheme": number}, name="difference")
-                    for name in ("strong_error", "bias", "bias_standard_error")
-                )
-                significant = 3 * error.values
-                resolved = np.where(np.abs(bias.values) > significant, np.abs(bias.values), np.nan)
-                largest_error = np.maximum(largest_error, significant)
-                curve = {"color": colors[component], "linestyle": style, "marker": marker, "markersize": 3}
-                plot(strong_axes, strong, **curve)
-                plot(bias_axes, bias.of(resolved), **curve)
-        shade = {"color": SKY, "alpha": 0.2, "linewidth": 0}
-        bias_axes.fill_between(integrator_error.step, 1e-9, largest_error, **shade)
-        strong_axes.set(yscale="log", ylim=_decades(strong_axes, bias_axes))
-    for axes in panels.flat:
-        mark(axes, x=simulation.time_step)
-        axes.set_xscale("log")
-        axes.set_xticks(integrator_error.step, [f"{step:.2g}" for step in integrator_error.step])
-        axes.minorticks_off()
-    panels[0, 0].set_title(f"root mean square over {integrator_error.trials:,} flights")
-    panels[0, 1].set_title("|mean|, where it exceeds three standard errors")
-    first = panels[0, 0]
-    for component, color in colors.items():
-        legend_entry(first, STATE.label(component), color=color)
-    for name, style, marker in schemes:
-        legend_entry(first, name, color=GREY, linestyle=style, marker=marker, markersize=3)
-    legend_entry(first, "below three standard errors, at most", color=SKY, alpha=0.4, linewidth=6)
-    mark(first, x=simulation.time_step, label="step of this reading")
-    legend_below(figure, [first])
-    return figure
-
-
 def _ellipse_nodes(drawing: Drawing, gains):
     """Nodes at equal increments along each segment, and whether a target stands there."""
     nodes = []
@@ -326,10 +282,3 @@ def _positions_at(ensemble, time):
     right = np.clip(np.searchsorted(unique, time), 1, len(unique) - 1)
     weight = (time - unique[right - 1]) / (unique[right] - unique[right - 1])
     return (1 - weight) * history[:, right - 1] + weight * history[:, right]
-
-
-def _decades(*panels):
-    """Limits of a logarithmic axis: the whole decades in which the curves of some axes lie."""
-    values = np.concatenate([line.get_ydata() for axes in panels for line in axes.lines])
-    values = np.log10(values[np.isfinite(values) & (values > 0.0)])
-    return 10.0 ** np.floor(values.min()), 10.0 ** np.ceil(values.max())

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.closed_form import escape_margin, predicted_covariance, riccati_initial
+from marsedl.methods.covariance_steering.closed_form import predicted_covariance
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise
 from marsedl.papers.powered_descent.records import Gains, Linearization
@@ -45,5 +45,4 @@ def compute(entry: Entry, mission: Mission, noise: Noise, design: Design, linear
         covariance_cost=by_segment("covariance_cost"),
         noise_density_design=float(divert.noise_density),
         noise_density_plant=float(noise_density),
-        plus_root_margin=np.array([escape_margin(p, riccati_initial(p, +1)).min() for p in problems]),
     )

@@ -123,8 +123,6 @@ class Ensemble(Trials):
 class Studies(Section):
     """Studies of the methods themselves."""
 
-    finest_time_step: Positive = given("s", "step of the reference run in the study of integrator errors")
-    convergence_trials: StudyTrials = given("1", "trials of the study of integrator error against step")
     fixed_point_tolerance: Positive = given("1", "relative change at which Algorithm 1 stops")
     fixed_point_iterations: Iterations = given("1", "largest number of iterations of Algorithm 1")
     fixed_point_loose_tolerance: Positive = given(
@@ -154,13 +152,12 @@ class Drawing(Section):
     thrust_percentile: Fraction = given("1", "the upper percentile of the control magnitude")
 
 
-def check_steps(mission: Mission, design: Design, simulation: Simulation, studies: Studies) -> None:
+def check_steps(mission: Mission, design: Design, simulation: Simulation) -> None:
     """Refuse steps that are longer than a segment, or too many in one."""
     steps = {
         "simulation.time_step": simulation.time_step,
         "simulation.output_interval": simulation.output_interval,
         "design.design_interval": design.design_interval,
-        "studies.finest_time_step": studies.finest_time_step,
     }
     for name, step in steps.items():
         if step > min(mission.segment_durations):

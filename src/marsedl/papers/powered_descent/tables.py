@@ -10,7 +10,7 @@ from marsedl.montecarlo.statistics import (
 )
 from marsedl.montecarlo.streaming import FinalMoments, observed_maxima
 from marsedl.papers.powered_descent.claims.measures import MASS, MOTION_PART, mean_chi_square, printed_covariance
-from marsedl.papers.powered_descent.inputs import Mission, PoweredDescentInputs
+from marsedl.papers.powered_descent.inputs import PoweredDescentInputs
 from marsedl.papers.powered_descent.records import (
     THRUST,
     Certificates,
@@ -115,17 +115,6 @@ def algorithm_1(fixed_point: FixedPointStudy):
     )
     # The variances are those of the runs in the printed order alone.
     return runs.assign(**{f"{VARIANCE_ERROR} (%)": runs[f"{VARIANCE_ERROR} (%)"].where(runs["order"] == "jacobi")})
-
-
-def algorithm_1_loose(mission: Mission, fixed_point: FixedPointStudy):
-    """Runs of Algorithm 1 as printed that stop at an absolute tolerance: iterations and final variances."""
-    runs = frame(fixed_point, "loose_iterations", unit=Column(label="thrust unit", digits="g"))
-    target = np.array([np.diag(mission.intermediate_covariance), np.diag(mission.final_covariance)])
-    errors = 100 * np.abs(fixed_point.loose_variance / target - 1).max(axis=-1)
-    return table(
-        runs.assign(**{VARIANCE_ERROR: errors.ravel()}),
-        {VARIANCE_ERROR: Column("%", ".3g", "largest relative error over the components")},
-    )
 
 
 def certificates(certificates: Certificates):

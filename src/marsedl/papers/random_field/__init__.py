@@ -15,12 +15,5 @@ PAPER = Paper(
         "literal_gains/montecarlo.aerocapture/*",
         "claims/*/literal_gains",
         "corrected/certificates/*_gain_difference",
-        *(
-            f"corrected/regularization/{field}"
-            for field in (
-                *("largest_gain", "predicted_deviation", "design_deviation", "flown_deviation", "percentile"),
-                *("percentile_error", "saturated", "worst_step", "lost"),
-            )
-        ),
     ),
 )

@@ -16,7 +16,7 @@ from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
-from marsedl.papers.random_field.records import Certificates, Gains, Linearization, Nominal
+from marsedl.papers.random_field.records import Certificates, Linearization, Nominal
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
@@ -35,7 +35,6 @@ def compute(
     studies: Studies,
     nominal: Nominal,
     linearization: Linearization,
-    gains: Gains,
 ) -> Certificates:
     """Solve the first program in every way, sample fields along its trajectory, and compare.
 
@@ -62,7 +61,6 @@ def compute(
         history_gain_difference=float(np.abs(innovations.gain - history.gain)[:, 1:].max()),
         other_objective=other.objective,
         other_solver=other.solver,
-        largest_gain_difference=float(np.abs(innovations.gain[:, 1:, 0] - gains.gain[1][:, 1:] * UNITS).max()),
         samples=studies.study_trials,
         **_identities(posed.system, innovations),
         **_separation(simulation, system, innovations),
@@ -192,10 +190,6 @@ def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
     expected = environment.kernel(air)(altitude[:, np.newaxis], altitude)
     disturbances = along_path @ model.field_map.T
     used = np.diag(model.disturbance_covariance) > 1e-12 * np.tile(UNITS, len(model.control)) ** 2
-    standard = disturbances[:, used] / disturbances[:, used].std(axis=0)
-    standard = standard - standard.mean(axis=0)
-    skewness, excess = (standard**3).mean(axis=0), (standard**4).mean(axis=0) - 3.0
-    normality = np.concatenate([skewness / np.sqrt(6.0 / count), excess / np.sqrt(24.0 / count)])
     mean = model.field_map @ np.full(len(model.field_altitude), air.variation_mean)  # Eq. 25
     return {
         "process_mean_score": _mean_score(along_path[:, chosen], air.variation_mean, np.diag(expected)),
@@ -204,7 +198,7 @@ def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
         ),
         "process_score": _covariance_score(along_path[:, chosen], expected),
         "disturbance_score": _covariance_score(disturbances[:, used], model.disturbance_covariance[np.ix_(used, used)]),
-        "normality_score": float(np.abs(normality).max()),
+        "normality_score": _normality_score(disturbances[:, used]),
     }
 
 
@@ -214,11 +208,27 @@ def _mean_score(samples, expected, variance):
 
 
 def _covariance_score(samples, expected):
-    """Largest difference of a sample covariance from the expected one, in standard errors of normal samples."""
+    """Largest difference of a sample covariance from the expected one, in standard errors of normal samples.
+
+    NaN of one sample, which has no covariance.
+    """
     count, _, second = central_moments(samples)
+    if count < 2:
+        return np.nan
     variance = np.diag(expected)
     error = np.sqrt((np.outer(variance, variance) + expected**2) / count)
     return float((np.abs(second / (count - 1) - expected) / error).max())
+
+
+def _normality_score(samples):
+    """Largest skewness and excess kurtosis, in standard errors of normal samples; NaN of one sample."""
+    count = len(samples)
+    if count < 2:
+        return np.nan
+    standard = samples / samples.std(axis=0)
+    standard = standard - standard.mean(axis=0)
+    skewness, excess = (standard**3).mean(axis=0), (standard**4).mean(axis=0) - 3.0
+    return float(np.abs(np.concatenate([skewness / np.sqrt(6.0 / count), excess / np.sqrt(24.0 / count)])).max())
 
 
 def _dependence(system):

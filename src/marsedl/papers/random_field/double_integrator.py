@@ -152,7 +152,7 @@ def solved(point_mass: PointMass, constrained=True):
     return posed, solution
 
 
-@stage(claimed_in=("printed", "corrected", "cc_to_4", "slopes_printed"))
+@stage(claimed_in=("printed", "corrected", "cc_to_4"))
 def compute(point_mass: PointMass) -> DoubleIntegrator:
     """Run the iterations.
 
@@ -182,8 +182,6 @@ def compute(point_mass: PointMass) -> DoubleIntegrator:
         gain=np.array([silent[:, :, 0], solution.gain[:, :, 0]]),
         mean=mean,
         covariance=covariance,
-        free_mean=free.mean,
-        free_covariance=free.covariance,
         control_deviation=np.array([np.zeros(intervals), np.sqrt(solution.control_covariance[:, 0, 0])]),
         objective=solution.objective,
         unconstrained_objective=free.objective,

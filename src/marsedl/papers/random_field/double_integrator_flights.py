@@ -14,7 +14,7 @@ from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegrat
 from marsedl.replication.catalogue import stage
 
 
-@stage(claimed_in=("printed", "corrected", "cc_to_4", "slopes_printed"))
+@stage(claimed_in=("printed", "corrected", "cc_to_4"))
 def compute(
     simulation: Simulation, point_mass: PointMass, double_integrator: DoubleIntegrator
 ) -> DoubleIntegratorFlights:

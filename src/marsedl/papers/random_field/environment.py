@@ -34,17 +34,17 @@ def targets(planet: Planet, mission: Mission):
     return mission.target_apoapsis * radius, mission.target_periapsis * radius, planet.gravitational_parameter
 
 
-def kernel(air: Air, **changes):
-    """Covariance of the density variation at two altitudes (Eqs. 73-74); changes: other parameters than the inputs'."""
-    parameters = {
-        "variance": air.variance_at_top,
-        "upper_altitude": air.variance_top_altitude,
-        "growth_length": air.variance_growth_length,
-        "correlation_length": air.correlation_length,
-        "growth_sign": air.variance_growth_sign,
-        "correlation_altitude": air.correlation_altitude,
-    }
-    return partial(random_field.altitude_exponential, **{**parameters, **changes})
+def kernel(air: Air):
+    """Covariance of the density variation at two altitudes (Eqs. 73-74)."""
+    return partial(
+        random_field.altitude_exponential,
+        variance=air.variance_at_top,
+        upper_altitude=air.variance_top_altitude,
+        growth_length=air.variance_growth_length,
+        correlation_length=air.correlation_length,
+        growth_sign=air.variance_growth_sign,
+        correlation_altitude=air.correlation_altitude,
+    )
 
 
 def field_grid(air: Air):
@@ -58,13 +58,13 @@ def deviation(air: Air, altitude):
     return np.sqrt(kernel(air)(altitude, altitude))
 
 
-def air_tables(air: Air, covariance=None):
-    """The tables of a flight; covariance: a kernel of the density variation other than the inputs'."""
+def air_tables(air: Air):
+    """The tables of a flight."""
     altitudes = field_grid(air)
     return AirTables(
         *atmosphere.uniform_nodes(profile(air)),
         altitude=altitudes,
-        **random_field.markov(covariance or kernel(air), altitudes)._asdict(),
+        **random_field.markov(kernel(air), altitudes)._asdict(),
         mean=air.variation_mean,
     )
 

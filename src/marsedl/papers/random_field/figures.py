@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from marsedl.models import density_variation, orbits, random_field
-from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import double_integrator as linear_example
 from marsedl.papers.random_field import environment, flight_statistics
 from marsedl.papers.random_field.environment import targets
@@ -25,16 +24,13 @@ from marsedl.papers.random_field.inputs import (
 )
 from marsedl.papers.random_field.records import (
     BRANCHES,
-    CLOSED,
     Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
-    FieldStudy,
     FlightEnsemble,
     Gains,
     Linearization,
     Nominal,
-    Regularization,
 )
 from marsedl.plotting.curves import (
     OPAQUE,
@@ -42,7 +38,6 @@ from marsedl.plotting.curves import (
     legend_below,
     legend_entry,
     mark,
-    name_axes,
     note,
     plot,
     trials,
@@ -51,7 +46,6 @@ from marsedl.plotting.ellipses import band
 from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
 from marsedl.plotting.forms import covariance_ellipse, distribution, iterations
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
-from marsedl.replication.thresholds import CONFIDENCE
 from marsedl.replication.units import DEGREE, KM, converted
 
 ALTITUDE_LABEL = "altitude (km)"  # of what is drawn upwards, against the altitude
@@ -82,8 +76,6 @@ TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
 SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all flights"}
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
-LEAST_PROBABILITY = 1e-6  # of the axis of violations
-NO_PERCENTILE = {"linestyle": "-", "linewidth": 7.0, "alpha": 0.3}  # across the axes: nothing that looks like a value
 VARIANT_STYLE = {
     "one_branch": (VERMILION, "o", "one branch, as in the paper"),
     "both_branches": (BLUE, "s", "both branches"),
@@ -771,74 +763,6 @@ def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     return figure
 
 
-def violations(
-    vehicle: Vehicle,
-    guidance: Guidance,
-    point_mass: PointMass,
-    gains: Gains,
-    double_integrator: DoubleIntegrator,
-    double_integrator_flights: DoubleIntegratorFlights,
-    aerocapture: FlightEnsemble,
-) -> Figure:
-    """Probability of leaving each constraint: allotted, predicted, and the share of flights with its interval."""
-    iterations = _iterations(gains)
-    figure, panels = _grid(len(iterations) + 1, 7.6, 3.0, sharey=True)
-    allotted = 1.0 - guidance.control_probability
-    by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
-    trial_count = aerocapture.outcome.shape[1]
-    middle = (gains.partition[:-1] + gains.partition[1:]) / 2
-    for axes, (number, color) in zip(panels, iterations, strict=False):
-        mark(axes, y=allotted, color=BLACK, linestyle="--", linewidth=1.2)
-        for deviation, style in (
-            (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
-            (gains.design_control_deviation, {"marker": "x", "color": GREY, "markersize": 4}),
-        ):
-            predicted = _beyond_limits(gains.control[number], deviation[number], *vehicle.control_limits)
-            axes.plot(middle, np.where(predicted > 0.0, predicted, np.nan), linestyle="none", **style)
-        _shares(axes, middle, by_step[number], trial_count, color, "o")
-        axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=field(gains, "partition").label)
-        axes.set_xlim(gains.partition[[0, -1]])
-    axes = panels[-1]
-    flights = double_integrator_flights
-    normals, bounds = linear_example.normals_and_bounds(point_mass)
-    closed = CLOSED
-    time = double_integrator.partition
-    mark(axes, y=linear_example.tail(point_mass), color=BLACK, linestyle="--", linewidth=1.2)
-    spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
-    predicted = _upper_tail((bounds - double_integrator.mean[closed] @ normals.T) / spread)
-    for line, color in enumerate((BLUE, VERMILION)):
-        side = 0.12 * (2 * line - 1)
-        axes.plot(time + side, predicted[:, line], "_", color=BLACK, markersize=9, markeredgewidth=1.6)
-        first = flights.paper_violations[closed, :, line], flights.paper_trials
-        every = flights.violations[closed, :, line], flights.count[closed]
-        for (counts, number), shift, marker in ((first, -0.05, "D"), (every, 0.05, "o")):
-            _shares(axes, time + side + shift, counts, number, color, marker, filled=marker == "o")
-        axes.plot([], [], "o", color=color, markersize=4, label=f"line {line + 1}")
-    axes.set(title="double integrator, closed loop", xlabel="time (1)", xlim=(time[0] - 0.4, time[-1] + 0.4))
-    axes.legend(loc="upper left")
-    sizes = " or ".join(dict.fromkeys(f"{count:,}" for count in (trial_count, flights.count[closed])))
-    fewest = min(trial_count, flights.paper_trials)
-    largest = max(by_step.max() / trial_count, flights.violations[closed].max() / flights.count[closed], allotted)
-    for axes in panels:
-        axes.set_yscale("log")
-        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, CONFIDENCE)[1]), 1.5))
-    for axes in panels[:: 2 if len(panels) > 1 else 1]:
-        axes.set_ylabel("probability of violation")
-    handles = []
-    for color, style, marker, face, label in (
-        (BLACK, "--", "", BLACK, "allotted"),
-        (BLACK, "none", "_", BLACK, "linear covariance"),
-        (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
-        (GREY, "none", "o", GREY, f"share of {sizes} flights, {100 * CONFIDENCE:g} % interval"),
-        (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
-        (GREY, "none", "v", "none", "no violation: upper end of the interval"),
-    ):
-        point = {"linestyle": style, "marker": marker, "markerfacecolor": face, "markersize": 5}
-        handles.append(legend_entry(panels[0], label, color=color, **point))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    return figure
-
-
 def convergence(mission: Mission, guidance: Guidance, studies: Studies, convergence: Convergence) -> Figure:
     """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
     figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
@@ -881,128 +805,17 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
     return figure
 
 
-def regularization(guidance: Guidance, studies: Studies, regularization: Regularization) -> Figure:
-    """What the size of the design's navigation errors does to gains, predictions and flights."""
-    figure, panels = new_figure(9.6, 5.6, nrows=2, ncols=3, sharex=True)
-    study, trial_count = regularization, studies.study_trials
-    condition, gain, deviation, percentile, shares, corner = panels.flat
-    with_position_error = condition, gain, deviation, percentile, shares
-    against = {"x": field(study, "position_error", name="navigation error of the radius\nin the design")}
-    curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
-    plot(condition, study, "condition_number", **against, **curve, name="condition number of Cov(W)", color=BLACK)
-    largest_gain = "largest gain, in units of\n1 km, 100 m/s, 10 mrad"
-    plot(gain, study, "largest_gain", **against, **curve, name=largest_gain, color=VERMILION)
-    for path, color, style, label in (
-        ("predicted_deviation", BLACK, "-", "linear covariance"),
-        ("design_deviation", BLACK, ":", "with navigation errors"),
-        ("flown_deviation", BLUE, "-", "captured flights"),
-    ):
-        line = {"color": color, "linestyle": style, "label": label, **curve}
-        plot(deviation, study, path, **against, name=r"standard deviation of $\Delta v$", **line)
-    for axes in (condition, gain, deviation):
-        axes.set_yscale("log")
-    flights = field(study, "percentile", **against, name=r"99th percentile of $\Delta v$")
-    name_axes(percentile, flights)
-    size, missing = study.position_error, np.isnan(study.percentile)
-    percentile.errorbar(size, study.percentile, 3 * study.percentile_error, color=BLUE, capsize=2, **curve)
-    legend_entry(percentile, r"flights, $\pm 3$ standard errors", color=BLUE, **curve)
-    mark(percentile, x=size[missing], label="none: more than 1 % lost", **NO_PERCENTILE, color=BLUE)
-    if missing.all():
-        percentile.set_yticks([])
-    for path, color, label in (
-        ("saturated", ORANGE, "beyond the limits at any step"),
-        ("worst_step", VERMILION, "at the worst step"),
-        ("lost", BLACK, "lost"),
-    ):
-        counts = field(study, path, **against, name=f"share of {trial_count:,} flights")
-        share = counts.of(np.where(counts.values > 0, counts.values / trial_count, np.nan))
-        plot(shares, share, color=color, label=label, **curve)
-    allotted = 1.0 - guidance.control_probability
-    mark(shares, y=allotted, linewidth=1.2, linestyle="--", label="allotted to a step")
-    shares.set(yscale="log", ylim=(min(0.5 / trial_count, 0.3 * allotted), 2.0))
-    if not np.isfinite(study.condition_number).any():
-        note(gain, "no law was designed", 0.6)
-    nominal_error = guidance.navigation_deviations[0]
-    for axes in with_position_error:
-        if nominal_error > 0:
-            mark(axes, x=nominal_error, label=f"this reading, {nominal_error:g} m" if axes is condition else None)
-        axes.set_xscale("log")
-        if axes.get_legend_handles_labels()[0]:
-            place = "upper right" if axes is percentile else "best"
-            axes.legend(loc=place, fontsize=7, frameon=True, framealpha=1.0, edgecolor="none")
-    percentile.set_ymargin(0.35)  # room for the legend
-    # Under the empty place, the panel above names the axis.
-    corner.remove()
-    deviation.tick_params(labelbottom=True)
-    deviation.set_xlabel(against["x"].label)
-    return figure
-
-
-def field_study(air: Air, field_study: FieldStudy) -> Figure:
-    """Percentile of delta-v without control against the density variation at 45 km, in other random fields."""
-    figure, axes = new_figure(6.8, 4.2)
-    study = field_study
-    deviation = 100 * study.deviation_at_45_km
-    scaled = deviation[0] * np.sqrt(study.variance / air.variance_at_top)
-    axes.errorbar(
-        scaled,
-        study.variance_percentile,
-        3 * study.variance_percentile_error,
-        color=BLUE,
-        marker="o",
-        markersize=4,
-        capsize=2,
-        label="variance times a factor",
-    )
-    for place, percentile, variance in zip(scaled, study.variance_percentile, study.variance, strict=True):
-        if np.isfinite(percentile):
-            text = rf"$\times${variance / air.variance_at_top:g}"
-            axes.annotate(text, (place, percentile), (5, -10), textcoords="offset points", color=BLUE, fontsize=8)
-    colors = (BLACK, ORANGE, GREEN, PURPLE, VERMILION)
-    for number, name in enumerate(str(name) for name in study.hypothesis):
-        color = colors[number % len(colors)]
-        lost = f", {study.lost[number]:,} lost" if study.lost[number] else ""
-        label = f"{name}: "
-        if np.isfinite(study.percentile[number]):
-            label += f"{study.percentile[number]:.0f} m/s{lost}"
-            axes.errorbar(
-                deviation[number],
-                study.percentile[number],
-                3 * study.percentile_error[number],
-                fmt="D",
-                color=color,
-                markersize=5,
-                capsize=2,
-                zorder=4,
-                label=label,
-            )
-        else:
-            label += f"no percentile{lost}"
-            mark(axes, x=deviation[number], label=label, **NO_PERCENTILE, color=color)
-    missing = np.isnan(study.variance_percentile)
-    above = f"no percentile, {study.variance_lost[missing].min():,} or more lost" if missing.any() else None
-    mark(axes, x=scaled[missing], label=above, **NO_PERCENTILE, color=BLUE)
-    axes.set(
-        xlabel="standard deviation of the density variation at 45 km (%)",
-        ylabel=r"99th percentile of $\Delta v$, open loop (m/s)",
-        title=f"{study.trials:,} flights each",
-    )
-    if not np.isfinite(np.concatenate([study.percentile, study.variance_percentile])).any():
-        note(axes, "no 99th percentile: more than 1 % of the flights lost", 0.5)
-        axes.set_yticks([])
-    figure.legend(loc="outside lower center", ncols=2)
-    return figure
-
-
 def delta_v_map(
     planet: Planet, mission: Mission, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble
 ) -> Figure:
-    """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
+    """Delta-v against the exit apoapsis: exact, the linear branches, the flights, and what the design predicts."""
     figure, panels = new_figure(7.6, 4.4, ncols=2)
     iterations = _iterations(gains)
     apoapsis, delta_v, slopes, at = _delta_v_curve(planet, mission, linearization, gains)
     captured = aerocapture.apoapsis[0][np.isfinite(aerocapture.apoapsis[0])]
     reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else at[0] + np.array([-1.0, 1.0])
+    # About the nominal, however few flights there are.
+    reach = min(reach[0], at[0] - APOAPSIS_MARGIN), max(reach[1], at[0] + APOAPSIS_MARGIN)
     reach = reach[0], min(reach[1], LARGEST_APOAPSIS * mission.target_apoapsis)
     nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], mission.target_apoapsis)
     near = nominals.min() - APOAPSIS_MARGIN, nominals.max() + APOAPSIS_MARGIN
@@ -1041,19 +854,6 @@ def delta_v_map(
         panels[1].plot([], [], ".-", color=color, label=f"flights, {_law(number)}, and their histogram")
     legend_below(figure, panels, columns=2)
     return figure
-
-
-def _upper_tail(score):
-    from scipy.special import ndtr
-
-    return ndtr(-np.asarray(score))
-
-
-def _beyond_limits(mean, deviation, lower, upper):
-    """Probability that a normal control leaves its limits; zero or one where it has no deviation."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        both = _upper_tail((upper - mean) / deviation) + _upper_tail((mean - lower) / deviation)
-    return np.where(deviation > 0.0, both, (mean > upper) | (mean < lower))
 
 
 def _iterations(gains):
@@ -1159,7 +959,7 @@ def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number)
     for sign in (-1, 0, 1):
         control.plot(gains.partition[:-1], mean + sign * 3 * sampled, "*", color=BLUE, markersize=6, zorder=4)
     control.set(xlim=(-0.01 * gains.time[-1], 1.01 * gains.time[-1]), ylim=CONTROLS)
-    reach = np.nanmax(np.abs(mean) + 3 * sampled) if np.isfinite(mean).any() else 0.0
+    reach = np.nan_to_num(np.abs(mean) + 3 * sampled).max()
     if reach > CONTROLS[1]:
         note(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
     refused = f"no law was designed: {gains.refused}\n" if gains.refused else ""
@@ -1198,24 +998,6 @@ def _limit_to_flights(axes, bounds, predicted):
 def _limits_of_control(axes, vehicle: Vehicle, label=None):
     for limit in vehicle.control_limits:
         axes.axhline(limit, color=BLACK, linewidth=0.9, linestyle="--", label=label if limit > 0 else None)
-
-
-def _shares(axes, place, counts, trials, color, marker, filled=True):
-    """Shares of trials with their intervals; where there is none, a triangle at the interval's upper end."""
-    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, CONFIDENCE)
-    some = counts > 0
-    axes.errorbar(
-        place[some],
-        share[some],
-        [(share - lower)[some], (upper - share)[some]],
-        fmt=marker,
-        color=color,
-        markerfacecolor=color if filled else "none",
-        markersize=4,
-        elinewidth=1.0,
-        capsize=2,
-    )
-    axes.plot(place[~some], upper[~some], "v", color=color, markerfacecolor="none", markersize=3.5, markeredgewidth=0.7)
 
 
 def _delta_v_curve(planet: Planet, mission: Mission, linearization, gains):

@@ -137,9 +137,9 @@ def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation,
     return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
 
 
-def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, covariance=None) -> Plant:
-    """Return the plant of the reading; covariance: of the density variation, if it is not the reading's."""
-    tables = environment.air_tables(air, covariance)
+def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation) -> Plant:
+    """Return the plant of the reading."""
+    tables = environment.air_tables(air)
     return Plant(settings(planet, air, vehicle, simulation, tables), tables)
 
 

@@ -308,7 +308,7 @@ def _burns(guidance: Guidance, motion: Motion, model):
 
 
 def _signs(guidance: Guidance, motion: Motion, apoapsis):
-    """Signs of the clean-up burn in the program: that of the nominal, at the kink the reading's, or both."""
+    """Signs of the clean-up burn in the program: that of the nominal, the reading's if that is zero, or both."""
     if guidance.clean_up_branch == "both":
         return 1, -1
     sign = orbits.branch_of(apoapsis, motion.targets[0], guidance.branch_tolerance)

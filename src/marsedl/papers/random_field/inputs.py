@@ -8,7 +8,6 @@ from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.sections import (
-    ARRAY,
     Count,
     Drawn,
     Inputs,
@@ -33,7 +32,6 @@ Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201)]
 Tail = Annotated[float, Strict(), Field(gt=0, lt=0.5)]  # beyond one half the constraint is not convex
 Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
 Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
-Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
 Parts = Annotated[int, Strict(), Field(ge=2, le=50)]
 Correlation = Annotated[float, Strict(), Field(gt=-1, lt=1)]
 SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix that counts as positive definite
@@ -212,8 +210,6 @@ class Studies(Section):
     study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
     convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
     end_step_parts: Parts = given("1", "parts into which a study divides the first and the last step of the partition")
-    navigation_factors: Factors = given("1", "factors of navigation_deviations in their study")
-    variance_factors: Factors = given("1", "factors of variance_at_top in the study of other fields")
 
 
 class PointMass(Section):

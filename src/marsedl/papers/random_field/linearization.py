@@ -51,14 +51,12 @@ class Motion(NamedTuple):
     time_step: float  # s
 
 
-def motion_of(
-    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation, covariance=None
-) -> Motion:
-    """Return the motion, the air and the targets of the reading; covariance: as of `flight.plant_of`."""
+def motion_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation) -> Motion:
+    """Return the motion, the air and the targets of the reading."""
     drag_factor = 0.5 / vehicle.ballistic_coefficient
     return Motion(
         log_density=environment.profile(air),
-        covariance=covariance or environment.kernel(air),
+        covariance=environment.kernel(air),
         variation_mean=air.variation_mean,
         planet_radius=planet.planet_radius,
         gravity=planet.gravitational_parameter,

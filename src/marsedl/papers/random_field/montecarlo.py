@@ -9,6 +9,7 @@ from marsedl.models import orbits, random_field
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
+from marsedl.papers.density import TableExits
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
@@ -55,9 +56,10 @@ def simulate(
     flights = Flights(planet, air, vehicle, mission, simulation)
     lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
+    exits = TableExits(air)
     reduced = [
         ensembles.run_blocks(
-            block_simulator(flights, nominal, gains, number),
+            exits.watching(block_simulator(flights, nominal, gains, number)),
             first,
             last,
             block_size=flown.block_size,
@@ -66,6 +68,7 @@ def simulate(
         )
         for number in range(len(gains.control))
     ]
+    exits.say(f"flights {first:,} to {last - 1:,}, under all laws")
     return FlightChunk(
         time=output_times(mission, simulation),
         **{
@@ -75,15 +78,14 @@ def simulate(
     )
 
 
-def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1, covariance=None, varied=True):
+def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1):
     """Return the function `simulate_block(first, last)` under one law, which also replays single trials.
 
-    number: 0 for the open loop, or an iteration, the last one unless given. covariance: of the density variation, if it
-    is not the reading's. varied: whether there is any.
+    number: 0 for the open loop, or an iteration, the last one unless given.
     """
     planet, vehicle, simulation = flights.planet, flights.vehicle, flights.simulation
     least_exit_altitude = flights.mission.least_exit_altitude
-    plant = flight.plant_of(planet, flights.air, vehicle, simulation, covariance)
+    plant = flight.plant_of(planet, flights.air, vehicle, simulation)
     flown_law = law(gains, number)
     mean, root = initial_state(planet, vehicle, nominal.entry_flight_path_angle), initial_root(vehicle)
     every = output_steps(flights.mission, simulation)
@@ -99,7 +101,6 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1,
             seed=simulation.seed,
             first_trial=first,
             every=every,
-            varied=varied,
         )
         completed = trajectories.outcome == CAPTURED
         altitude, velocity, path_angle = trajectories.final_state[:3]

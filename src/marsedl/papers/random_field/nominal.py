@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.models import orbits
+from marsedl.papers.density import TableExits
 from marsedl.papers.random_field import environment, flight
 from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.environment import targets
@@ -81,12 +82,12 @@ def compute(
     time, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
     altitude = states[:, 0] - planet.planet_radius
     environment.require_in_table(air, time, altitude)
+    TableExits(air).count(altitude).say("nominal flight")
     density = environment.mean_density(air, altitude)
     pressure = 0.5 * density * states[:, 1] ** 2
     peak_time, largest_pressure = peak(time, pressure)
     target_apoapsis, target_periapsis, gravity = targets(planet, mission)
     end = states[-1]
-    burns = orbits.burns(*end, target_apoapsis, target_periapsis, gravity)
     return Nominal(
         entry_flight_path_angle=float(angle),
         time=time,
@@ -101,7 +102,6 @@ def compute(
         lowest_altitude=float(altitude.min()),
         apoapsis=finite_or_nan(orbits.apoapsis_radius(*end, gravity) / planet.planet_radius),
         delta_v=finite_or_nan(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
-        clean_up_burn=finite_or_nan(burns.apoapsis_change),
     )
 
 

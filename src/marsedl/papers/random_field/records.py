@@ -24,10 +24,8 @@ OBSERVED = Axis("observed", control="1", excess="1")
 BRANCH = Axis("branch", *BRANCHES)
 POINT = Axis("motion", position="1", velocity="1")  # of the double integrator
 POINT_STATE = Axis("state", **POINT.units, force="1", control="1")
-SPEED_UNITS = ("km/s", "m/s")  # in which delta-v may enter the cost
-SPEED_UNIT = Axis("speed_unit", *SPEED_UNITS)
 LINE = Axis("line", "first", "second")  # that bound its states
-LOW_ALTITUDE = 45e3  # m, where nominal flights are lowest: `FieldStudy.deviation_at_45_km`
+LOW_ALTITUDE = 45e3  # m, where nominal flights are lowest
 CAPTURED, NOT_EXITED = COMPLETED, 4  # beside the library's codes
 OUTCOMES = {
     CAPTURED: "captured",
@@ -57,7 +55,6 @@ class Nominal:
     lowest_altitude: float = quantity("m", (), "lowest altitude")
     apoapsis: float = quantity("1", (), "apoapsis after the exit, planet radii", allow_nan=True)
     delta_v: float = quantity("m/s", (), "total delta-v of the two burns", allow_nan=True)
-    clean_up_burn: float = quantity("m/s", (), "signed second burn, positive below the target", allow_nan=True)
 
 
 @record
@@ -153,12 +150,15 @@ class Certificates:
     mean_shift: float = quantity("1", (), "change of the deviations' covariance when the mean control changes")
     gain_shift: float = quantity("1", (), "change of the mean when the gains change")
     convexity: float = quantity("1", (), "least excess of a chord over the cost, relative, along random segments")
-    largest_gain_difference: float = quantity("1", (), "first gains here against those of the iterations")
     process_mean_score: float = quantity("1", (), "largest deviation of a sampled mean along the nominal, in errors")
     disturbance_mean_score: float = quantity("1", (), "likewise of the disturbances' mean (Eq. 25)")
-    process_score: float = quantity("1", (), "largest deviation of a sampled covariance along the nominal, in errors")
-    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)")
-    normality_score: float = quantity("1", (), "likewise of skewness and excess kurtosis of the disturbances")
+    process_score: float = quantity(
+        "1", (), "largest deviation of a sampled covariance along the nominal, in errors", allow_nan=True
+    )
+    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)", allow_nan=True)
+    normality_score: float = quantity(
+        "1", (), "likewise of skewness and excess kurtosis of the disturbances", allow_nan=True
+    )
     samples: int = quantity("1", (), "fields sampled")
     largest_correlation: float = quantity("1", (), "largest correlation between disturbances of different intervals")
     deviation_ratio: float = quantity("1", (), "largest over smallest standard deviation of a disturbance's component")
@@ -190,53 +190,6 @@ class Convergence:
 
 
 @record
-class Regularization:
-    """The last law of the reading's iterations for every size of the navigation errors."""
-
-    factor: np.ndarray = quantity("1", ("factor",), "factor of the reading's navigation errors")
-    position_error: np.ndarray = quantity("m", ("factor",), "standard deviation of the navigation error in radius")
-    condition_number: np.ndarray = quantity("1", ("factor",), "of the design's Cov(W) in the last iteration")
-    largest_gain: np.ndarray = quantity("1", ("factor",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
-    predicted_deviation: np.ndarray = quantity("m/s", ("factor",), "predicted standard deviation of delta-v")
-    design_deviation: np.ndarray = quantity("m/s", ("factor",), "the same with navigation errors")
-    flown_deviation: np.ndarray = quantity("m/s", ("factor",), "over the captured flights", allow_nan=True)
-    percentile: np.ndarray = quantity("m/s", ("factor",), "99th percentile over flights", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("factor",), "its standard error", allow_nan=True)
-    saturated: np.ndarray = quantity("1", ("factor",), "flights whose command leaves the limits at some step", "int64")
-    worst_step: np.ndarray = quantity("1", ("factor",), "flights beyond the limits at the worst step", "int64")
-    lost: np.ndarray = quantity("1", ("factor",), "lost trials", "int64")
-
-
-@record
-class FieldStudy:
-    """Delta-v in other random fields; the file names the hypotheses, for the open loop, in its order."""
-
-    hypothesis: np.ndarray = quantity("1", ("hypothesis",), "what is changed", "str")
-    percentile: np.ndarray = quantity("m/s", ("hypothesis",), "99th percentile", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("hypothesis",), "its standard error", allow_nan=True)
-    lost: np.ndarray = quantity("1", ("hypothesis",), "lost trials", "int64")
-    deviation_at_45_km: np.ndarray = quantity("1", ("hypothesis",), "standard deviation of the variation at 45 km")
-    variance: np.ndarray = quantity("1", ("variance",), "largest variance of the density variation")
-    variance_percentile: np.ndarray = quantity("m/s", ("variance",), "99th percentile", allow_nan=True)
-    variance_percentile_error: np.ndarray = quantity("m/s", ("variance",), "its standard error", allow_nan=True)
-    variance_lost: np.ndarray = quantity("1", ("variance",), "lost trials", "int64")
-    law_percentile: np.ndarray = quantity(
-        "m/s",
-        (SPEED_UNIT, "variance", "laws"),
-        "99th percentile under the laws of all iterations, designed for the variance with delta-v in the unit",
-        allow_nan=True,
-    )
-    law_percentile_error: np.ndarray = quantity(
-        "m/s", (SPEED_UNIT, "variance", "laws"), "its standard error", allow_nan=True
-    )
-    law_lost: np.ndarray = quantity("1", (SPEED_UNIT, "variance", "laws"), "lost trials", "int64")
-    law_worst_step: np.ndarray = quantity(
-        "1", (SPEED_UNIT, "variance", "laws"), "trials beyond the control limits at the worst step", "int64"
-    )
-    trials: int = quantity("1", (), "trials of each")
-
-
-@record
 class DoubleIntegrator:
     """The open loop (law 0) and the law of the single iteration (law 1)."""
 
@@ -250,8 +203,6 @@ class DoubleIntegrator:
     gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", POINT), "feedback gains on the state history")
     mean: np.ndarray = quantity("1", ("laws", "nodes", POINT), "predicted mean position and velocity")
     covariance: np.ndarray = quantity("1", ("laws", "nodes", POINT, POINT), "predicted covariance")
-    free_mean: np.ndarray = quantity("1", ("nodes", POINT), "predicted mean under the law without state constraints")
-    free_covariance: np.ndarray = quantity("1", ("nodes", POINT, POINT), "predicted covariance under that law")
     control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
     objective: float = quantity("1", (), "least cost of the program")
     unconstrained_objective: float = quantity("1", (), "without the state constraints")
@@ -271,7 +222,9 @@ class DoubleIntegratorFlights:
     count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
     excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
     mean: np.ndarray = quantity("1", ("laws", "time", POINT_STATE), "mean state")
-    covariance: np.ndarray = quantity("1", ("laws", "time", POINT_STATE, POINT_STATE), "sample covariance")
+    covariance: np.ndarray = quantity(
+        "1", ("laws", "time", POINT_STATE, POINT_STATE), "sample covariance", allow_nan=True
+    )
     violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "trials beyond each line at each node", "int64")
     paper_violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "those among the first trials", "int64")
     any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")

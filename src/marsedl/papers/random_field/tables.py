@@ -9,19 +9,16 @@ from marsedl.papers.random_field.claims.measures import OPEN, node_deviations, n
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
-from marsedl.papers.random_field.inputs import Air, Guidance, PointMass, RandomFieldInputs, Studies, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, PointMass, RandomFieldInputs, Vehicle
 from marsedl.papers.random_field.records import (
     CLOSED,
-    SPEED_UNITS,
     Certificates,
     Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
-    FieldStudy,
     FlightEnsemble,
     Gains,
     Nominal,
-    Regularization,
 )
 from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.tables import Column, frame, table
@@ -377,106 +374,6 @@ def convergence_history(guidance: Guidance, convergence: Convergence):
     )
 
 
-def navigation_errors(studies: Studies, regularization: Regularization):
-    """What the navigation errors of the design do to gains, predictions and flights."""
-    study, trials = regularization, studies.study_trials
-    fixed = frame(
-        study,
-        factor="g",
-        position_error=Column(digits="g", label="position error per interval"),
-        condition_number=".2e",
-        largest_gain=GAIN,
-        predicted_deviation=Column(digits=".2f", label="predicted deviation of delta-v"),
-        design_deviation=Column(digits=".2f", label="design's deviation"),
-        flown_deviation=".1f",
-        percentile=Column(digits=".2f", label=PERCENTILE, error="percentile_error"),
-        percentile_error=Column(label=f"{PERCENTILE}: standard error"),
-        lost=Column(label="lost trials"),
-    )
-    worst = _share_columns("beyond the control limits at the worst step")
-    any_step = _share_columns("beyond the control limits at any step")
-    shares = [
-        (*_share(step, trials), *_share(saturated, trials))
-        for step, saturated in zip(study.worst_step, study.saturated, strict=True)
-    ]
-    cells = dict(zip((*worst, *any_step), zip(*shares, strict=True), strict=True))
-    return table(fixed.assign(**cells, trials=trials), {**worst, **any_step, "trials": Column()})
-
-
-def other_fields(air: Air, published, field_study: FieldStudy):
-    """Open-loop delta-v in other random fields beside the printed percentile."""
-    study, claim = field_study, published["acap_dv_p99_open"]
-    rows = [(PAPER, None, None, claim.printed, None, 1.0, None, claim.trials)]
-
-    def row(name, variance, low, percentile, error, away):
-        rows.append((name, variance, 100 * low, percentile, error, percentile / claim.printed, away, study.trials))
-
-    for k, hypothesis in enumerate(study.hypothesis):
-        name = str(hypothesis) if k == 0 else f"{hypothesis} (hypothesis)"
-        values = study.deviation_at_45_km[k], study.percentile[k], study.percentile_error[k], study.lost[k]
-        row(name, air.variance_at_top, *values)
-    # The deviation grows with the root of the variance, everywhere.
-    nominal_deviation = study.deviation_at_45_km[0] / np.sqrt(air.variance_at_top)
-    for k, variance in enumerate(study.variance):
-        values = study.variance_percentile[k], study.variance_percentile_error[k], study.variance_lost[k]
-        row(
-            f"{variance / air.variance_at_top:g} times the variance",
-            variance,
-            nominal_deviation * np.sqrt(variance),
-            *values,
-        )
-    return table(
-        rows,
-        {
-            "field": Column(),
-            "largest variance": Column("", "g", "of the density variation"),
-            "deviation at 45 km": Column("%", ".2f", "of the density variation"),
-            **_with_error(PERCENTILE, ".1f", "of delta-v"),
-            "share of the printed one": Column("", ".3f"),
-            "lost trials": LOST,
-            "trials": Column(),
-        },
-    )
-
-
-def other_variances(air: Air, published, field_study: FieldStudy):
-    """Delta-v of all iterations in other variances, each designed for its variance, beside the printed percentiles."""
-    study, trials = field_study, field_study.trials
-    printed = published["acap_dv_p99_open"].printed, published["acap_dv_p99_closed"].printed
-    last = study.law_percentile.shape[-1] - 1
-    rows = [
-        (PAPER, None, _law(law), value, None, None, *(None,) * 3, published["acap_dv_p99_open"].trials)
-        for law, value in ((OPEN, printed[0]), (last, printed[1]))
-    ]
-    for unit, name in enumerate(SPEED_UNITS):
-        for k, variance in enumerate(study.variance):
-            for law in range(last + 1):
-                rows.append(
-                    (
-                        name,
-                        variance / air.variance_at_top,
-                        _law(law),
-                        study.law_percentile[unit, k, law],
-                        study.law_percentile_error[unit, k, law],
-                        study.law_lost[unit, k, law],
-                        *_share(study.law_worst_step[unit, k, law], trials),
-                        trials,
-                    )
-                )
-    return table(
-        rows,
-        {
-            "unit of delta-v in the cost": Column(),
-            "factor of the variance": Column("", "g"),
-            "law": Column(),
-            **_with_error(PERCENTILE, ".1f", "of delta-v"),
-            "lost trials": LOST,
-            **_share_columns("beyond the control limits at the worst step"),
-            "trials": Column(),
-        },
-    )
-
-
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
@@ -489,97 +386,37 @@ class Records(Artifacts):
     aerocapture: FlightEnsemble
 
 
-# Printed numbers that depend on the nominal density: their claims, and how they are called.
-DENSITY_CLAIMS = {
-    "acap_entry_fpa": "entry flight path angle",
-    "acap_time_max_q": "time of largest dynamic pressure",
-    "acap_dv_p99_open": f"open loop: {PERCENTILE}",
-    "acap_dv_p99_closed": f"last iteration: {PERCENTILE}",
-}
-
-
 def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """Readings that differ in the nominal density alone, against the printed numbers that depend on it."""
-    angle, time, open_loop, last = DENSITY_CLAIMS.values()
-    printed = [published[name].printed for name in DENSITY_CLAIMS]
-    paper = (printed[0], None, printed[1], None, None, printed[2], None, None, printed[3], None, None, None, None)
+    """Readings that differ in the nominal density alone, against the printed angle, time and percentiles."""
+    printed = [
+        published[f"acap_{name}"].printed for name in ("entry_fpa", "time_max_q", "dv_p99_open", "dv_p99_closed")
+    ]
+    paper = (printed[0], None, printed[1], None, None, printed[2], None, printed[3], None)
     rows = [(PAPER, *paper, published["acap_dv_p99_open"].trials)]
-    for name, numbers in _density_numbers(readings).items():
-        _, records = readings[name]
-        ensemble = records.aerocapture
-        laws = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
-        best = min((pair for pair in laws[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
-        rows.append(
-            (
-                name,
-                *(cell for k in range(2) for cell in (numbers[k], numbers[k] - printed[k])),
-                records.nominal.lowest_altitude / 1e3,
-                *laws[OPEN],
-                laws[OPEN][0] / printed[2],
-                *laws[-1],
-                laws[-1][0] / printed[3],
-                *best,
-                ensemble.outcome.shape[1],
-            )
-        )
+    reference = readings["corrected"][0]
+    for name, (inputs, records) in readings.items():
+        differing = (key for key in inputs.names() if not np.array_equal(inputs.get(key), reference.get(key)))
+        if set(differing) <= set(_DENSITY):
+            nominal, ensemble = records.nominal, records.aerocapture
+            angle = float(np.degrees(nominal.entry_flight_path_angle))
+            time = nominal.time_of_largest_dynamic_pressure
+            laws = (delta_v_percentile(ensemble, law, LEVEL) for law in (OPEN, len(ensemble.delta_v) - 1))
+            cells = angle, angle - printed[0], time, time - printed[1], nominal.lowest_altitude / 1e3
+            rows.append((name, *cells, *(cell for law in laws for cell in law), ensemble.outcome.shape[1]))
     return table(
         rows,
         {
             "nominal density": Column(meaning="the reading"),
-            angle: Column("deg", ".4f"),
-            f"{angle}, less the printed": Column("deg", "+.4f"),
-            time: Column("s", ".2f"),
-            f"{time}, less the printed": Column("s", "+.2f"),
+            "entry flight path angle": Column("deg", ".4f"),
+            "entry flight path angle, less the printed": Column("deg", "+.4f"),
+            "time of largest dynamic pressure": Column("s", ".2f"),
+            "time of largest dynamic pressure, less the printed": Column("s", "+.2f"),
             "lowest altitude": Column("km", ".2f", "of the nominal"),
-            **_with_error(open_loop, ".1f", "of delta-v"),
-            f"{open_loop}, over the printed": Column("", ".3f"),
-            **_with_error(last, ".1f", "of delta-v"),
-            f"{last}, over the printed": Column("", ".3f"),
-            **_with_error(f"best iteration: {PERCENTILE}", ".1f", "of delta-v"),
+            **_with_error(f"open loop: {PERCENTILE}", ".1f", "of delta-v"),
+            **_with_error(f"last iteration: {PERCENTILE}", ".1f", "of delta-v"),
             "trials": Column(),
         },
     )
-
-
-def densities_apart(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """What the printed numbers say of the density: how far the readings lie apart, and which comes closest."""
-    numbers = _density_numbers(readings)
-    rows = []
-    for k, (claim, name) in enumerate(DENSITY_CLAIMS.items()):
-        values, printed = np.array([row[k] for row in numbers.values()]), published[claim].printed
-        miss = np.abs(values - printed)
-        has_finite = np.isfinite(miss).any()
-        best = int(np.nanargmin(miss)) if has_finite else 0
-        unit = published[claim].unit
-        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if has_finite else None, miss[best]))
-    return table(
-        rows,
-        {
-            "quantity": Column(),
-            "unit": Column(meaning="of the three numbers"),
-            PAPER: Column("", "g"),
-            "largest less least": Column("", ".4f", "over the readings"),
-            "closest reading": Column(),
-            "distance of the closest": Column("", ".4f", "from the printed number"),
-        },
-    )
-
-
-def _density_numbers(readings):
-    """The numbers that are called as `DENSITY_CLAIMS` says, by reading: those that differ in the density alone."""
-    reference, numbers = readings["corrected"][0], {}
-    for name, (inputs, records) in readings.items():
-        if only_density(inputs, reference):
-            nominal, flights = records.nominal, records.aerocapture
-            percentiles = (delta_v_percentile(flights, law, LEVEL)[0] for law in (OPEN, len(flights.delta_v) - 1))
-            angle = float(np.degrees(nominal.entry_flight_path_angle))
-            numbers[name] = (angle, nominal.time_of_largest_dynamic_pressure, *percentiles)
-    return numbers
-
-
-def only_density(inputs: RandomFieldInputs, reference: RandomFieldInputs):
-    """Whether two sets of inputs differ in nothing but the nominal density, and in how many trials are flown."""
-    return all(np.array_equal(inputs.get(name), reference.get(name)) for name in inputs.names() if name not in _DENSITY)
 
 
 def readings(readings: dict[str, tuple[RandomFieldInputs, Records]], published):

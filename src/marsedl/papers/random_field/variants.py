@@ -13,14 +13,11 @@ from marsedl.replication.catalogue import Flown
 from marsedl.replication.errors import MarsedlError
 
 
-def design(flights: Flights, guidance: Guidance, nominal: Nominal, covariance=None) -> Gains:
-    """The design of changed inputs; covariance: of the density variation, if it is not that of the inputs.
-
-    Raises MarsedlError if their partition gives none.
-    """
+def design(flights: Flights, guidance: Guidance, nominal: Nominal) -> Gains:
+    """The design of changed inputs; raises MarsedlError if their partition gives none."""
     planet, air, vehicle = flights.planet, flights.air, flights.vehicle
     mission, simulation = flights.mission, flights.simulation
-    motion = motion_of(planet, air, vehicle, mission, simulation, covariance)
+    motion = motion_of(planet, air, vehicle, mission, simulation)
     linear = of_guess(mission, guidance, motion, nominal)
     if linear.refused:
         raise MarsedlError(f"there is no design to study: {linear.refused}")

@@ -74,15 +74,12 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
             rises.append(lagrangian(other) - best)
     above_floor = best - gains.noise_floor[trigger]
     return {
-        "coarse_cost": reference.cost,
         "coarse_gap": reference.gap,
         "cone_ratio": cone.cost / reference.cost,
         "cone_status": cone.status,
         "cone_iterations": cone.iterations,
         "search_ratio": [search.cost / reference.cost for search in searches],
         "search_worst": [search.worst_ratio for search in searches],
-        "search_evaluations": [search.evaluations for search in searches],
-        "search_success": [int(search.success) for search in searches],
         "weights_gain_error": np.abs(
             (_textbook_gains(nominal_problem.system, weight, control_weight) - own_gain) / size
         ).max(),

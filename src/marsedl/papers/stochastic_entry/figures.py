@@ -1,8 +1,8 @@
-"""Figures of the paper, and five beyond it. Each function draws one file from artifacts."""
+"""Figures of the paper, and three beyond it. Each function draws one file from artifacts."""
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator, NullLocator
+from matplotlib.ticker import MultipleLocator
 
 from marsedl.methods.guidance.targeting import targeting
 from marsedl.models import density_variation
@@ -11,7 +11,7 @@ from marsedl.montecarlo.statistics import variance_standard_error
 from marsedl.montecarlo.streaming import FinalMoments, is_streamed
 from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
-from marsedl.papers.stochastic_entry.inputs import Air, Design, Drawing, Planet, Simulation
+from marsedl.papers.stochastic_entry.inputs import Air, Drawing, Planet, Simulation
 from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     END_TIME,
@@ -25,7 +25,6 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
     Nominal,
-    Tradeoff,
     by_case,
     errors,
 )
@@ -415,50 +414,6 @@ def fig13(linearization: Linearization, gains: Gains) -> Figure:
     line = errors_of(ends, -slope * ends)
     plot(axes, line, color=GREY, linewidth=0.8, label="no range error at the velocity trigger")
     axes.set_title(f"{100 * ELLIPSE_PROBABILITY:.2f} % ellipses at $t_f$ ({radius:.2f} sigma)")
-    legend_below(figure, [axes], columns=2)
-    return figure
-
-
-def partition(design: Design, tradeoff: Tradeoff) -> Figure:
-    """Range deviation and early control of the stochastic law against the interval of its partition."""
-    figure, (ranges, controls) = new_figure(7.2, 3.6, ncols=2)
-    for number, trigger in enumerate(TRIGGERS):
-        color, of_trigger = CASE_COLOR[f"stochastic_{trigger}"], {"at": {"trigger": number}}
-        curve = {"color": color, "marker": "o", "markersize": 3.5} | of_trigger
-        plot(ranges, tradeoff, "range_deviation", **curve, label=f"{trigger} trigger")
-        mark(ranges, y=tradeoff.floor[number], color=color, linewidth=0.9)
-        plot(controls, tradeoff, "early_control", **curve)
-    legend_entry(ranges, "floor: noise after the last control", color=GREY, linestyle=":")
-    mark(controls, y=design.control_limit, color=BLACK, linewidth=0.9, linestyle="--", label="limit of the control")
-    for axes in (ranges, controls):
-        mark(axes, x=design.partition_interval, linestyle="-", label="this reading's partition")
-        axes.set(xscale="log", yscale="log")
-        axes.set_xticks(tradeoff.interval, [f"{interval:g}" for interval in tradeoff.interval], fontsize=7)
-        axes.xaxis.set_minor_locator(NullLocator())
-    legend_below(figure, (ranges, controls))
-    return figure
-
-
-def altitude_tradeoff(design: Design, tradeoff: Tradeoff) -> Figure:
-    """Range deviation of the stochastic law against the limit of the final altitude error."""
-    figure, axes = new_figure(6.4, 3.8)
-    limit = field(tradeoff, "altitude_limit", unit="km", name=f"three-sigma {field(tradeoff, 'altitude_limit').name}")
-    # Markers only: what lies between two limits has not been computed. Each can be seen where several coincide.
-    for row, (interval, filled) in enumerate(zip(tradeoff.limited_interval, (True, False), strict=True)):
-        for number, (trigger, marker, size) in enumerate(zip(TRIGGERS, "os", (4.0, 6.5), strict=True)):
-            color = CASE_COLOR[f"stochastic_{trigger}"]
-            deviation = field(tradeoff, "limited_deviation", at={"limited_interval": row, "trigger": number}, x=limit)
-            dots = {"marker": marker, "markersize": size if filled else size + 4, "zorder": 4 - number}
-            dots["markerfacecolor"] = color if filled else "none"
-            label = f"{trigger} trigger, intervals of {interval:g} s"
-            plot(axes, deviation, color=color, linestyle="none", **dots, label=label)
-    for number, trigger in enumerate(TRIGGERS):
-        mark(axes, y=tradeoff.floor[number], color=CASE_COLOR[f"stochastic_{trigger}"], linewidth=0.9)
-    legend_entry(axes, "floor: noise after the last control", color=GREY, linestyle=":")
-    mark(axes, x=design.altitude_limit / KM, linestyle="-", label="limit of this reading")
-    missing = np.isnan(tradeoff.limited_deviation).sum()
-    axes.set_yscale("log")
-    axes.set_title(f"{missing} of {tradeoff.limited_deviation.size} designs are infeasible" if missing else "")
     legend_below(figure, [axes], columns=2)
     return figure
 

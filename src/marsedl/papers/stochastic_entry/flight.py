@@ -9,7 +9,6 @@ from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
 from marsedl.methods.guidance.lateral import (
     CORRECTED,
     PRINTED,
-    SIGN_ONLY,
     bank_direction,
     deadband,
     heading_alignment_limit,
@@ -72,7 +71,7 @@ DIRECTION, COMMAND, COMMAND_BEFORE, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, AL
 STEERED = 8
 NOMINAL, BY_VELOCITY, BY_TIME = range(3)
 
-HEADING_FORMS = {"corrected": CORRECTED, "sign_only": SIGN_ONLY, "printed": PRINTED}
+HEADING_FORMS = {"corrected": CORRECTED, "printed": PRINTED}
 TRIGGER_TOLERANCE = 1e-11  # m/s, by which the velocity may miss the trigger at the end of a flight
 TRIGGER_ITERATIONS = 60  # more than the few that a smooth flight needs
 

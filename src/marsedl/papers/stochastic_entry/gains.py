@@ -119,7 +119,6 @@ def compute(guidance: Guidance, design: Design, linearization: Linearization) ->
         partition_start=partition_starts(guidance, design, len(linearization.control)),
         control_weight=design.control_weight / per_metre(design) ** 2,
         control_limit=posed.control_limits,
-        final_limit=posed.final_limits,
         table_velocity=linearization.state[rows, 1],
         table_reference=_features(linearization)[rows],
         **{name: np.array([law[name] for law in stochastic]) for name in stochastic[0]},
@@ -166,7 +165,6 @@ def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
         "control_multiplier": solution.control_multipliers,
         "final_multiplier": solution.final_multipliers,
         "cost": solution.cost,
-        "dual_value": solution.dual_value,
         "gap": solution.gap,
         "gap_above_floor": solution.gap_above_floor,
         "complementarity": solution.complementarity,
@@ -191,7 +189,7 @@ def _as_printed(guidance: Guidance, design: Design, linearization, trigger, pose
         "final_ratio": (2,),
         "control_multiplier": (limits,),
         "final_multiplier": (2,),
-        **dict.fromkeys(("cost", "dual_value", "gap", "gap_above_floor", "complementarity"), ()),
+        **dict.fromkeys(("cost", "gap", "gap_above_floor", "complementarity"), ()),
     }
     interval_of_period = _interval_of(partition_starts(guidance, design, fine), fine)
     return {
@@ -250,8 +248,6 @@ def apollo_law(guidance: Guidance, linearization, choices: ApolloChoices, trigge
     last = np.flatnonzero(fine.control.any(axis=1))[-1]
     return {
         "adjoint": adjoint.adjoint,
-        "control_adjoint": adjoint.control_adjoint,
-        "apollo_gain": timed,
         "apollo_covariance": effective_law.covariance,
         "apollo_control_variance": effective_law.control_variance,
         "timed_covariance": against_time.covariance,

@@ -104,9 +104,7 @@ class Guidance(Section):
     deadband_times: vector(2) = given("s", "times between which the crossrange deadband narrows linearly")
     deadband_widths: vector(2, Positive) = given("m", "half widths of the deadband before and after")
     initial_bank_direction: Sign = given("1", "direction of the first bank")
-    heading_alignment_form: Literal["corrected", "sign_only", "printed"] = given(
-        "1", "form of the heading alignment law: corrected, with only its sign mended, or as printed"
-    )
+    heading_alignment_form: Literal["corrected", "printed"] = given("1", "form of the heading alignment law")
     heading_alignment_velocity: Positive = given("m/s", "velocity at which heading alignment begins")
     heading_alignment_gain: Positive = given("1", "gain of the heading alignment")
     heading_alignment_limits: vector(2, Positive) = given(
@@ -142,7 +140,6 @@ class Design(Section):
     flight_path_angle_limit: Positive = given("rad", "largest final flight path angle error")
     partition_interval: Positive = given("s", "time over which a control correction is held in the design")
     gain_equation: Literal["corrected", "printed"] = given("1", "feedback gain: with the inverse, or as printed")
-    partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
     altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
     coarse_interval: Positive = given(
         "s", "intervals on which slow formulations are solved and altitude limits compared with the reading's own"
@@ -150,10 +147,9 @@ class Design(Section):
     combined_intervals: vector(3, Positive) = given("s", "partitions of the study of combinations")
 
     @model_validator(mode="after")
-    def _studies_ascend(self):
-        for name in ("partition_study", "altitude_limit_study"):
-            if not (np.diff(getattr(self, name)) > 0).all():
-                raise ValueError(f"{name}: its values must ascend, as the study compares neighbours")
+    def _study_ascends(self):
+        if not (np.diff(self.altitude_limit_study) > 0).all():
+            raise ValueError("altitude_limit_study: its values must ascend, as the study compares neighbours")
         return self
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.papers.density import TableExits
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
 from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
@@ -66,9 +67,9 @@ def simulate(
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
     flights = Flights(planet, air, vehicle, mission, guidance, simulation)
-    simulate_block = block_simulator(flights, nominal, linearization, gains, flown.case)
+    exits = TableExits(air)
     reduced = ensembles.run_blocks(
-        simulate_block,
+        exits.watching(block_simulator(flights, nominal, linearization, gains, flown.case)),
         first,
         last,
         block_size=flown.block_size,
@@ -78,6 +79,7 @@ def simulate(
         # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
         centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
+    exits.say(f"flights {first:,} to {last - 1:,}")
     end = end_of(mission, nominal, flown.case)
     kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
     return kind(

@@ -5,12 +5,12 @@ import numpy as np
 from marsedl.methods.guidance.lateral import bank_direction, deadband
 from marsedl.methods.guidance.targeting import require_target_ahead, targeting
 from marsedl.montecarlo.outcomes import ESCAPED
+from marsedl.papers.density import TableExits
 from marsedl.papers.stochastic_entry import dispersions, environment, flight
 from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
-    BANK_COSINE,
     CROSSRANGE,
     DENSITY,
     DOWNRANGE,
@@ -93,6 +93,7 @@ def compute(
     reversals, margin = _decisions(
         guidance.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
     )
+    TableExits(air).count(history[:, ALTITUDE]).say("nominal flight")
     longitude, latitude, azimuth = history[:, HISTORY:].T
     return Nominal(
         time=time,
@@ -106,7 +107,6 @@ def compute(
         density=history[:, DENSITY],
         crossrange=history[:, CROSSRANGE],
         bank=observed[:, BANK],
-        commanded_cosine=history[:, BANK_COSINE],
         drag=drag_factor * history[:, DENSITY] * history[:, VELOCITY] ** 2,
         guidance_time=time[cycles],
         deadband=width,

@@ -59,7 +59,6 @@ class Nominal:
     density: np.ndarray = quantity("kg/m^3", ("time",), "mean density", label="density")
     crossrange: np.ndarray = quantity("m", ("time",), "crossrange of the target")
     bank: np.ndarray = quantity("rad", ("time",), "flown bank angle", label="bank angle")
-    commanded_cosine: np.ndarray = quantity("1", ("time",), "commanded bank cosine", label="cosine of the bank angle")
     drag: np.ndarray = quantity("m/s^2", ("time",), "drag acceleration", label="drag acceleration")
     guidance_time: np.ndarray = quantity("s", ("guidance_time",), "times of the bank commands", label="time from entry")
     deadband: np.ndarray = quantity("m", ("guidance_time",), "half width of the crossrange deadband at these times")
@@ -120,9 +119,6 @@ class Gains:
         "1", (TRIGGER, "intervals"), "of the bank cosine", allow_nan=True
     )
     control_limit: np.ndarray = quantity("1", ("partition",), "largest standard deviation of the control (Eq. 84)")
-    final_limit: np.ndarray = quantity(
-        LIMITED.unit, (LIMITED,), "largest final standard deviations of altitude, path angle (82)"
-    )
     control_ratio: np.ndarray = quantity(
         "1", (TRIGGER, "partition"), "standard deviation over its limit", allow_nan=True
     )
@@ -135,9 +131,6 @@ class Gains:
     )
     control_weight: float = quantity("m^2", (), "weight of the control variance, the range error being in metres")
     cost: np.ndarray = quantity("m^2", (TRIGGER,), "objective of Problem 1 (Eq. 53)", allow_nan=True)
-    dual_value: np.ndarray = quantity(
-        "m^2", (TRIGGER,), "lower bound of the objective over all linear laws", allow_nan=True
-    )
     gap: np.ndarray = quantity("1", (TRIGGER,), "duality gap over the objective", allow_nan=True)
     gap_above_floor: np.ndarray = quantity("1", (TRIGGER,), "duality gap over the controllable part", allow_nan=True)
     complementarity: np.ndarray = quantity("1", (TRIGGER,), "largest multiplier times slack, relative", allow_nan=True)
@@ -149,8 +142,6 @@ class Gains:
     adjoint: np.ndarray = quantity(
         "SI", (TRIGGER, "nodes", LINEAR_STATE), "sensitivity of the final range error to the state"
     )
-    control_adjoint: np.ndarray = quantity("m", (TRIGGER, "intervals"), "and to a control held to the end")
-    apollo_gain: np.ndarray = quantity(GAIN_UNIT, (TRIGGER, "intervals", LINEAR_STATE), "gain against time (Eq. 50)")
     apollo_covariance: np.ndarray = quantity(
         "SI", (TRIGGER, "nodes", LINEAR_STATE, LINEAR_STATE), "predicted covariance of the flown law"
     )
@@ -172,15 +163,12 @@ class Gains:
 class Certificates:
     """By trigger (time, velocity); costs over the cost of the dual's gains on the same coarse partition."""
 
-    coarse_cost: np.ndarray = quantity("m^2", (TRIGGER,), "cost of the dual's gains on the coarse partition")
     coarse_gap: np.ndarray = quantity("1", (TRIGGER,), "their duality gap")
     cone_ratio: np.ndarray = quantity("1", (TRIGGER,), "cost of the semidefinite program over it")
     cone_status: np.ndarray = quantity("1", (TRIGGER,), "of its solver", "str")
     cone_iterations: np.ndarray = quantity("1", (TRIGGER,), "of its solver", "int64")
     search_ratio: np.ndarray = quantity("1", (TRIGGER, "starts"), "cost of the search over weights, by START_SCALES")
     search_worst: np.ndarray = quantity("1", (TRIGGER, "starts"), "its largest standard deviation over the limit")
-    search_evaluations: np.ndarray = quantity("1", (TRIGGER, "starts"), "covariance sweeps of the search", "int64")
-    search_success: np.ndarray = quantity("1", (TRIGGER, "starts"), "1: converged within the limits", "int8")
     weights_gain_error: np.ndarray = quantity(
         "1",
         (TRIGGER,),
@@ -197,36 +185,17 @@ class Certificates:
 
 @record
 class Tradeoff:
-    """Standard deviation of the range error that each trigger's objective holds, predicted by the linear model."""
+    """Standard deviation of the range error with the fixed time, by the linear model, against the altitude limit."""
 
-    interval: np.ndarray = quantity(
-        "s", ("interval",), "interval over which the control is held", label="interval of the partition"
-    )
-    range_deviation: np.ndarray = quantity(
+    altitude_limit: np.ndarray = quantity("m", ("altitude_limit",), "limit of the final altitude error")
+    control_interval: np.ndarray = quantity("s", ("control_interval",), "intervals over which the control is held")
+    deviation: np.ndarray = quantity(
         "m",
-        (TRIGGER, "interval"),
-        "optimum by trigger (time, velocity)",
-        label="standard deviation of the range error",
-    )
-    early_control: np.ndarray = quantity(
-        "1",
-        (TRIGGER, "interval"),
-        "three sigma of the control in the first interval",
-        label=r"$3 \sigma$ of the bank cosine, first interval",
-    )
-    gap: np.ndarray = quantity("1", (TRIGGER, "interval"), "duality gap")
-    altitude_limit: np.ndarray = quantity(
-        "m", ("altitude_limit",), "limit of the final altitude error", label="limit of the final altitude error"
-    )
-    limited_interval: np.ndarray = quantity("s", ("limited_interval",), "partitions of the study of limits")
-    limited_deviation: np.ndarray = quantity(
-        "m",
-        ("limited_interval", TRIGGER, "altitude_limit"),
-        "optimum by partition, trigger and limit; NaN: infeasible",
+        ("control_interval", "altitude_limit"),
+        "least deviation by interval and limit; NaN: infeasible",
         allow_nan=True,
-        label="standard deviation of the range error",
     )
-    floor: np.ndarray = quantity("m", (TRIGGER,), "deviation from noise after the last control")
+    noise_deviation: float = quantity("m", (), "deviation from noise after the last control")
 
 
 @record
@@ -276,10 +245,6 @@ class ErrorBudget:
     law: np.ndarray = quantity("1", ("law",), "range-control law", "str")
     deviation: np.ndarray = quantity(
         "m", ("law", TRIGGER, "source"), "standard deviation over the flights", allow_nan=True
-    )
-    mean: np.ndarray = quantity("m", ("law", TRIGGER, "source"), "mean over the flights", allow_nan=True)
-    largest: np.ndarray = quantity(
-        "m", ("law", TRIGGER, "source"), "largest error over the flights, absolute", allow_nan=True
     )
     missed: np.ndarray = quantity("1", ("law", TRIGGER, "source"), "flights that did not end as they should", "int64")
     trials: int = quantity("1", (), "flights of each source")

@@ -42,7 +42,6 @@ from marsedl.papers.stochastic_entry.records import (
     LINEAR_STATE,
     OUTCOMES,
     REVERSALS,
-    START_SCALES,
     TRIGGERS,
     VELOCITY,
     Certificates,
@@ -218,7 +217,7 @@ def endings(
     stochastic_time: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
 ):
-    """How the trials ended, and their final range errors, by law and trigger; errors as in `reversal_split`."""
+    """How the trials ended, and their final range errors, by law and trigger."""
     flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     rows = [
         (
@@ -326,33 +325,6 @@ def certificates(design: Design, gains: Gains, certificates: Certificates):
     )
 
 
-def lqg_search(certificates: Certificates):
-    """The search over LQG weights that the paper proposes, from several starts."""
-    rows = [
-        (
-            trigger,
-            scale,
-            certificates.search_ratio[k, start],
-            certificates.search_worst[k, start],
-            int(certificates.search_evaluations[k, start]),
-            bool(certificates.search_success[k, start]),
-        )
-        for k, trigger in enumerate(TRIGGERS)
-        for start, scale in enumerate(START_SCALES)
-    ]
-    return table(
-        rows,
-        {
-            "trigger": Column(),
-            "start": Column("", "g", "factor on the control weights"),
-            "cost ratio": Column("", ".5f", "over the optimum"),
-            "worst limit ratio": Column("", ".4g"),
-            "sweeps": Column(),
-            "success": Column(),
-        },
-    )
-
-
 def sources(error_budget: ErrorBudget):
     """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
     budget = error_budget
@@ -382,39 +354,6 @@ def sources(error_budget: ErrorBudget):
             "deviation": Column("m", ".1f", "of the final range"),
             "share": Column("%", ".1f", "of the variance from all sources together"),
             "missed": Column(meaning=f"flights that did not end as they should, of {budget.trials:,} per source"),
-        },
-    )
-
-
-def reversal_split(
-    apollo_time: FlightEnsemble,
-    apollo_velocity: FlightEnsemble,
-    stochastic_time: FlightEnsemble,
-    stochastic_velocity: FlightEnsemble,
-):
-    """Final range error by the number of bank reversals; of a streamed ensemble in its first trials."""
-    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
-    rows = []
-    for case, ensemble in flights.items():
-        completed = finite(ensemble)
-        error, number = errors(ensemble)[completed, DOWNRANGE], ensemble.final_state[completed, REVERSALS]
-        if not len(error):
-            rows.append((*_law_and_trigger(case), None, 0, 0.0, *_range_errors(error)))
-        for reversals in np.unique(number):
-            with_reversals = error[number == reversals]
-            share = 100 * len(with_reversals) / len(ensemble.outcome)
-            rows.append(
-                (*_law_and_trigger(case), int(reversals), len(with_reversals), share, *_range_errors(with_reversals))
-            )
-    return table(
-        rows,
-        {
-            "law": Column(),
-            "trigger": Column(),
-            "bank reversals": Column(),
-            "trials": Column(),
-            "share": Column("%", ".2f", "of all trials"),
-            **_RANGE_ERRORS,
         },
     )
 

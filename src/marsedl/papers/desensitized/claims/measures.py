@@ -1,7 +1,5 @@
 """What several claims share: the rows of Table 3, the flights that figures draw, and what statements call so."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.papers.desensitized import entry_problem, mean_density
@@ -15,11 +13,11 @@ from marsedl.papers.desensitized.records import (
     NO_DOC,
     RESHAPED,
     Gains,
-    GainStudy,
     Linearization,
     Responses,
     Tradeoff,
 )
+from marsedl.papers.desensitized.tradeoff import has_row
 from marsedl.replication.claiming import Evaluation, Fails, Test, holds, listed, measure, measured, provided
 from marsedl.replication.thresholds import MOST, MUCH, ROUNDING
 from marsedl.replication.units import DEGREE
@@ -95,6 +93,7 @@ class Rows:
         self.vector = tradeoff.error[self.number]
         self.error = size(self.vector)
         self.reversals = tradeoff.reversals[self.number]
+        self.left_out = design.printed_weights[~has_row(design, self.effort[0])]
         matched = design.weight_rule == "matched"
         self.circular = "the rows are chosen for their printed control energy" if matched else ""
         self.chosen = "; rows of finite weight are chosen for their printed control energy" if matched else ""
@@ -109,9 +108,17 @@ class Rows:
     def at(self, c1: float) -> int:
         """The number of the row with a printed weight."""
         matching = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
-        if not matching.size:
-            raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
-        return int(matching[0])
+        if matching.size:
+            return int(matching[0])
+        if c1 in self.left_out:
+            least = f"the least, {self.effort[0]:.4f} deg^2/s^3"
+            raise Fails(f"the control energy of the row c1 = {c1:g} lies below {least}")
+        raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
+
+    def require_all(self) -> None:
+        """Refuse a table in which a printed weight has no row."""
+        for c1 in self.left_out:
+            self.at(c1)
 
     @property
     def stands_for(self) -> str:
@@ -302,25 +309,3 @@ def needs_feedback(linearization: Linearization, gains: Gains, channel: int) -> 
         < ROUNDING,
         measure("with feedback it is", with_feedback) < MUCH * sensitivity[0],
     )
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Of all gains of a channel the smallest and largest flown final error, m, at the largest error at entry."""
-
-    least: float
-    most: float
-    count: int
-    lost: int  # sets of gains under which a flight is lost
-
-    @classmethod
-    def of(cls, gain_study: GainStudy | None, channel: int) -> "Candidates":
-        """Take those of a channel; none without the study."""
-        if gain_study is None:
-            return cls(np.nan, np.nan, 0, 0)
-        of_channel = gain_study.channel == channel
-        largest = np.abs(gain_study.tuning_error) == np.abs(gain_study.tuning_error).max()
-        worst = gain_study.flown_error[of_channel][:, largest].max(axis=1)
-        finite_worst = worst[np.isfinite(worst)]
-        lost = int(of_channel.sum()) - len(finite_worst)
-        return cls(finite_worst.min(initial=np.inf), finite_worst.max(initial=-np.inf), int(of_channel.sum()), lost)

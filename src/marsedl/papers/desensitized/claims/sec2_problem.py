@@ -15,7 +15,7 @@ ENERGY, FUEL, ENERGY_BESIDE = range(3)  # solutions of the study of least fuel
 
 
 @claim(
-    "The paper states no formula. Ours, from the thrusters of Table 1, gives the printed fuels within {largest:.2f} %.",
+    "No formula is printed; ours gives the printed fuels within {largest:.2f} %.",
     errata="E1 E2",
     counterexample=scaled("vehicle.roll_inertia"),
 )
@@ -38,7 +38,7 @@ def fuel_proportional_to_cumulative_rate(vehicle: Vehicle, published: dict):
 
 
 @claim(
-    "We judge it where thrust lasts longer than an interval. Under the printed bound it does not.",
+    "Under the printed bound, thrust is shorter than an interval; we judge a smaller bound.",
     errata="E16",
     counterexample=shifted("minimum_fuel.coasting", at=(1, FUEL)),
 )
@@ -60,10 +60,7 @@ def min_fuel_bang_coast_bang(minimum_fuel: MinimumFuel):
 
 
 @claim(
-    """We judge it on one branch, that of the least fuel (bank reversals: {reversals}). There the solution of
-    least control energy burns {beside:.0f} % more. The nominal lies on another branch and burns {nominal:.3f}
-    kg, {ratio:.1f} times the least, {least:.3f} kg. On its own branch fuel falls by {on_branch:.0f} % before the
-    branch ends.""",
+    "Compared on one branch: {beside:.0f} % more fuel; the nominal burns {ratio:.1f} times the least.",
     errata="E6",
     withheld=BRANCH,
     counterexample=scaled("minimum_fuel.propellant", at=(0, ENERGY_BESIDE)),
@@ -79,19 +76,13 @@ def min_energy_fuel_near_min_fuel(minimum_fuel: MinimumFuel):
         <= 100 * SIMILAR,
         f"{listed(excess, '.1f')} %; the nominal burns {fuel[wide, ENERGY]:.4f} kg, the least is "
         f"{fuel[wide, FUEL]:.4f} kg",
-        nominal=fuel[wide, ENERGY],
-        least=fuel[wide, FUEL],
         ratio=fuel[wide, ENERGY] / fuel[wide, FUEL],
         beside=excess[wide],
-        on_branch=100.0 * (1.0 - minimum_fuel.branch_cumulative[wide] / minimum_fuel.cumulative[wide, ENERGY]),
-        reversals=int(minimum_fuel.reversals[wide, FUEL]),
     )
 
 
 @claim(
-    """We compare with this local minimum, in rows that are chosen for their printed control energy. Beyond the
-    end of its branch the control energy is {lowest:.4f} instead of {first:.4f} deg^2/s^3. With one factor for
-    all weights (`single_weight`), the second row has {single_weight[second]:.4f} deg^2/s^3.""",
+    "Rows are chosen for their control energy; beyond the branch's end it is {lowest:.4f} deg^2/s^3.",
     errata="E6 E8",
     withheld=BRANCH,
 )
@@ -104,6 +95,4 @@ def desensitized_j0_larger(rows: Rows):
         f"the least on the path of increasing weights is {lowest:.4f} deg^2/s^3",
         by_construction=rows.circular,
         lowest=lowest,
-        first=rows.effort[0],
-        second=rows.effort[1],
     )

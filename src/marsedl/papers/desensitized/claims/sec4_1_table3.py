@@ -6,7 +6,6 @@ from marsedl.papers.desensitized.claims.measures import (
     BRANCH,
     ENDS,
     PLANET,
-    RADIUS,
     SCHEME,
     UNITS,
     Rows,
@@ -15,7 +14,7 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
 from marsedl.papers.desensitized.inputs import Mission, Studies
-from marsedl.papers.desensitized.records import Branches, Certificates, Linearization
+from marsedl.papers.desensitized.records import Branches, Certificates
 from marsedl.replication.claiming import Fails, claim, holds, listed, measure, measured
 from marsedl.replication.claims import Close
 from marsedl.replication.counterexamples import replaced, scaled
@@ -39,8 +38,7 @@ ROUNDED = (
 
 
 @claim(
-    """No solver takes an infinite weight; {largest:.0e} stands for it. `corrected` takes the weights with which
-    the rows have the printed control energy.""",
+    "No solver takes an infinite weight; {largest:.0e} stands for it.",
     errata="E8 E11",
 )
 def c1_values(rows: Rows, published: dict):
@@ -55,13 +53,7 @@ def c1_values(rows: Rows, published: dict):
 
 
 @claim(
-    """The final error differs by {apart:+.1f} %. We chose the conditions on the bank angle for this row. With
-    all of them free, it is {printed[value][0]:.4f} deg^2/s^3, {printed[value][1]:.4f} deg/s,
-    {printed[value][2]:.3f} kg, {printed[value][3]:.0f} m. By the trapezoidal rule it is
-    {trapezoid[value][0]:.4f} deg^2/s^3, {trapezoid[value][1]:.4f} deg/s, {trapezoid[value][2]:.3f} kg,
-    {trapezoid[value][3]:.0f} m. Then control energy and fuel are the printed ones; cumulative bank rate and
-    error are not. Other transcriptions and meshes give control energies from {transcribed_low:.4f} to
-    {transcribed_high:.4f} deg^2/s^3.""",
+    "The error differs by {apart:+.1f} %; the bank at entry is chosen for this row.",
     errata="E1 E2 E4 E5 E7 E16",
     withheld=(PLANET, ENDS, SCHEME),
     close=Close(OPEN, absolute=(0.0044, 0.068, 0.0032, 0.5)),
@@ -71,9 +63,7 @@ def c1_values(rows: Rows, published: dict):
     c1=0.0,
 )
 @claim(
-    """We compare at the printed control energy, with a weight of {weight:.4f} deg^2/s^3. The branch ends at a
-    weight of {fold:.4f}. On the branch with one reversal, the same control energy gives an error of
-    {one_reversal[value][3]:.0f} m.""",
+    "Compared at the printed control energy; the branch ends at a weight of {fold:.4f}.",
     errata="E6 E8",
     withheld=(PLANET, ENDS),
     close=Close(OPEN + ROUNDED, absolute=(0.0045, 0.067, 0.0032, 99.0)),
@@ -82,8 +72,7 @@ def c1_values(rows: Rows, published: dict):
     c1=0.001,
 )
 @claim(
-    """At the printed control energy the error is {value[3]:.0f} m, and {mixed_units[value][3]:.0f} m in other
-    units of the norm. The printed point does not lie on the curve of least control energy.""",
+    "At the printed control energy the error is {value[3]:.0f} m, in other units {mixed_units[value][3]:.0f} m.",
     errata="E8 E12",
     withheld=(PLANET, UNITS),
     close=Close(OPEN, absolute=(0.0098, 0.15, 0.0061, 59.0)),
@@ -92,8 +81,7 @@ def c1_values(rows: Rows, published: dict):
     c1=0.01,
 )
 @claim(
-    """At the printed control energy the error is {value[3]:.0f} m, {mixed_units[value][3]:.0f} m in other units
-    of the norm. So the printed point does not lie on the curve of least control energy.""",
+    "At the printed control energy the error is {value[3]:.0f} m, in other units {mixed_units[value][3]:.0f} m.",
     errata="E8 E12",
     withheld=(PLANET, UNITS),
     close=Close(OPEN, absolute=(0.05, 0.32, 0.0127, 52.0)),
@@ -102,8 +90,7 @@ def c1_values(rows: Rows, published: dict):
     c1=0.1,
 )
 @claim(
-    """At the printed control energy we find {value[1]:.3f} deg/s and {value[3]:.0f} m. In other units of the
-    norm we find {mixed_units[value][1]:.3f} deg/s and {mixed_units[value][3]:.0f} m.""",
+    "At the printed control energy we find {value[1]:.3f} deg/s and {value[3]:.0f} m.",
     errata="E8 E15",
     withheld=(PLANET, UNITS),
     close=Close(OPEN, absolute=(0.166, 0.51, 0.0203, 49.0)),
@@ -113,7 +100,6 @@ def c1_values(rows: Rows, published: dict):
 )
 def table_3(rows: Rows, published: dict, certificates: Certificates | None = None, *, c1):
     row = rows.at(c1)
-    low = high = np.nan  # smallest and largest J0 of the nominal over transcriptions and meshes
     other_efforts = {"trapezoids": np.nan, "hermite_simpson": np.nan}  # J0 by other schemes on the intervals of the row
     solved = rows.tradeoff
     number = rows.number[row]
@@ -122,8 +108,6 @@ def table_3(rows: Rows, published: dict, certificates: Certificates | None = Non
         if same_mesh.size:
             by_scheme = dict(zip(certificates.scheme, certificates.mesh_effort[0, :, same_mesh[0]], strict=True))
             other_efforts = {"trapezoids": by_scheme["trapezoid"], "hermite_simpson": by_scheme["hermite_simpson"]}
-        efforts = certificates.mesh_effort[0][np.isfinite(certificates.mesh_effort[0])]
-        low, high = efforts.min(initial=np.inf), efforts.max(initial=-np.inf)
     bank_rate = np.abs(solved.state[number, :, BANK_RATE])
     printed_error = list(printed_rows(published)[c1])[-1]
     return measured(
@@ -131,10 +115,7 @@ def table_3(rows: Rows, published: dict, certificates: Certificates | None = Non
         evidence=f"weight {rows.weight[row]:.4g} deg^2/s^3; altitude, crossrange and downrange error "
         f"{listed(rows.vector[row], '.0f')} m; bank reversals: {rows.reversals[row]}",
         apart=100 * (rows.error[row] / printed_error - 1.0),
-        weight=rows.weight[row],
         fold=rows.tradeoff.fold_weight[0, 0] if len(rows.tradeoff.fold_effort) else np.nan,
-        transcribed_low=low,
-        transcribed_high=high,
         travel=np.trapezoid(bank_rate, solved.time[number]) / DEGREE,
         miss=size(solved.miss[number]),
         **other_efforts,
@@ -142,8 +123,7 @@ def table_3(rows: Rows, published: dict, certificates: Certificates | None = Non
 
 
 @claim(
-    """The control energy is not in the objective. It grows with the weight that stands for infinity, from
-    {low[0]:.0f} to {value[0]:.0f} deg^2/s^3, while the error stays.""",
+    "It grows with the weight, from {low[0]:.0f} to {value[0]:.0f} deg^2/s^3; the error stays.",
     errata="E11",
 )
 def tab03_cinf_effort(rows: Rows):
@@ -157,7 +137,7 @@ def tab03_cinf_effort(rows: Rows):
 
 
 @claim(
-    "The error is {value:.1f} m. No choice of weights changes it, but the planet's radius does.",
+    "It is {value:.1f} m by any weights; only the planet's radius changes it.",
     errata="E7 E11",
     withheld=PLANET,
     close=Close(OPEN, absolute=48.0),
@@ -168,8 +148,7 @@ def tab03_cinf_error(rows: Rows):
 
 
 @claim(
-    """We find {value:.1f} %, from {first:.0f} m in the first row to {last:.0f} m in the last. The printed errors
-    are {printed_first:.0f} and {printed_last:.0f} m.""",
+    "From {first:.0f} to {last:.0f} m; the paper prints {printed_first:.0f} and {printed_last:.0f} m.",
     errata="E7",
     withheld=(PLANET, ENDS),
     close=Close(OPEN + " This share of the last row's error is 0.6 % of the first row's.", absolute=0.6),
@@ -188,7 +167,7 @@ def max_reduction_percent(rows: Rows, published: dict):
     )
 
 
-@claim("The ratio lies between {low:.1f} and {value:.1f}, as the fuel of the last row is open.", errata="E11")
+@claim("It lies between {low:.1f} and {value:.1f}, as the last row's fuel is open.", errata="E11")
 def fuel_ratio_cinf_to_nodoc(rows: Rows):
     limits = rows.limits("propellant")
     return measured(
@@ -199,40 +178,30 @@ def fuel_ratio_cinf_to_nodoc(rows: Rows):
 
 
 @claim(
-    """It holds among the rows, which are chosen for their printed control energy. But the first row is a local
-    minimum. Under the same conditions, a solution ({lower_name}) has a control energy of {lower:.4f} instead of
-    {effort:.4f} deg^2/s^3. Of the rows of finite weight, {own_least} have the least control energy known at
-    their error.""",
+    "Another local minimum ({lower_name}) has a control energy of {lower:.4f} instead of {effort:.4f} deg^2/s^3.",
     errata="E6",
     withheld=BRANCH,
 )
 def nodoc_smallest_j0(rows: Rows, branches: Branches | None = None):
-    solutions, lower = [], {"lower": np.nan, "lower_name": "", "own_least": np.nan}
-    # Of other solutions: J0 in deg^2/s^3, and the cumulative bank rate in deg/s, the error in m or the weight.
-    numbers = {}
+    solutions, numbers = [], {"lower": np.nan, "lower_name": ""}
     if branches is not None:
-        least, count = int(np.argmin(branches.effort)), int((branches.least_solution < 0).sum())
-        lower = {"lower": branches.effort[least], "lower_name": str(branches.name[least]), "own_least": count}
-        numbers = _other_solutions(branches)
+        least = int(np.argmin(branches.effort))
+        numbers = {"lower": branches.effort[least], "lower_name": str(branches.name[least])}
+        numbers |= _other_solutions(branches)
         minima = ", ".join(f"{value:.4f} ({name})" for name, value in zip(branches.name, branches.effort, strict=True))
-        solutions = [
-            f"local minima without weight {minima}",
-            f"of the {len(branches.row_weight)} rows of finite weight {count} have the least control energy known at "
-            "their error",
-        ]
+        solutions = [f"local minima without weight {minima}"]
     return holds(
         measure("control energy of the rows with a weight", rows.effort[1:], "deg^2/s^3") > rows.effort[0],
         rows.efforts,
         *solutions,
         by_construction=rows.circular,
         effort=rows.effort[0],
-        **lower,
         **numbers,
     )
 
 
 def _other_solutions(branches):
-    """J0 with other conditions on the bank and the cumulative bank rate, of a full roll and its error, at the fold."""
+    """J0 and cumulative bank rate with other conditions on the bank, J0 and weight at the fold."""
     fixed = [tuple(map(bool, row)) for row in branches.set_fixed]
     sets = {  # initial bank, its rate, final bank, its rate
         "final_rate": (False, False, False, True),
@@ -244,15 +213,11 @@ def _other_solutions(branches):
     numbers = {name: values[fixed.index(conditions)] for name, conditions in sets.items()}
     fold = branches.curve_weight.argmax()
     numbers["fold"] = [branches.curve_effort[fold], branches.curve_weight[fold]]
-    once = np.flatnonzero(branches.rolls == 1)
-    if once.size:
-        numbers["roll"] = [branches.effort[once[0]], size(branches.error[once[0]])]
     return numbers
 
 
 @claim(
-    """It holds among the rows. The solution with one reversal has an error of {one_reversal[first]:.0f} m, where
-    the first row has {first:.0f} m.""",
+    "The solution with one reversal has {one_reversal[first]:.0f} m, the first row {first:.0f} m.",
     errata="E6",
     counterexample=scaled("tradeoff.error", at=(0,)),
 )
@@ -265,37 +230,31 @@ def nodoc_largest_sensitivity(rows: Rows):
 
 
 @claim(errata="E15", counterexample=scaled("tradeoff.error", at=(3,)))
-def error_decreases_with_c1(rows: Rows, linearization: Linearization):
-    # A weight on the norm of all columns has the effect of a larger one on that of the radius, by the norms' ratio.
-    radius, columns = size(linearization.final[:, :, RADIUS]), np.linalg.norm(linearization.final, axis=(1, 2))
-    lighter = 100 * (1.0 - radius / columns)
+def error_decreases_with_c1(rows: Rows):
     return holds(
         measure("change of the final position error from row to row", np.diff(rows.error), "m") < 0.0,
         rows.errors,
-        lighter=[lighter.min(), lighter.max()],
     )
 
 
 @claim(
-    """The rows are chosen for their printed control energy. Along the path over the weight, the control energy
-    goes from {before:.4f} to {beyond:.4f} deg^2/s^3 where the branch ends.""",
+    "Rows are chosen for it; where the branch ends it falls to {beyond:.4f} deg^2/s^3.",
     errata="E6 E8",
 )
 def j0_increases_with_c1(rows: Rows):
     folds = rows.tradeoff.fold_effort
-    before, beyond = folds[0] if len(folds) else (np.nan, np.nan)
     return holds(
         measure("change of the control energy from row to row", np.diff(rows.effort), "deg^2/s^3") > 0.0,
         rows.efforts,
         *(f"where a branch ends the control energy goes from {a:.4f} to {b:.4f} deg^2/s^3" for a, b in folds),
         by_construction=rows.circular,
-        before=before,
-        beyond=beyond,
+        beyond=folds[0, 1] if len(folds) else np.nan,
     )
 
 
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(1,)))
 def fuel_increases_except_first_step(rows: Rows):
+    rows.require_all()
     steps = np.diff(rows.propellant)
     return holds(
         measure("change of fuel from the first row to the second", steps[0], "kg") < 0.0,
@@ -307,6 +266,7 @@ def fuel_increases_except_first_step(rows: Rows):
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(0,)))
 def more_fuel_when_desensitized(rows: Rows):
     # The first row with a weight is the exception that the paper names itself.
+    rows.require_all()
     return holds(
         measure("fuel of the rows after the first with a weight", rows.propellant[2:], "kg") > rows.propellant[0],
         rows.fuels,
@@ -314,9 +274,7 @@ def more_fuel_when_desensitized(rows: Rows):
 
 
 @claim(
-    """Flights are not equally long, so we judge by the shares of the flights below altitudes from {low:g} to
-    {high:g} km. We find that of {count} pairs of a row with a weight and an altitude {lower} have a larger share
-    than the first row. We chose these altitudes after we had seen that a single one decides alone.""",
+    "Of {count} pairs of a row and an altitude, {lower} have a larger share.",
     errata="E17",
     counterexample=scaled("tradeoff.state", at=(0, ..., 0)),
 )
@@ -330,7 +288,6 @@ def lower_altitude_when_desensitized(mission: Mission, studies: Studies, rows: R
         ]
     )
     lower = shares[1:] > shares[0]
-    half, stays = _stays(tradeoff, rows.number)
     subject = f"rows with a weight and altitudes from {altitudes[0] / 1e3:g} to {altitudes[-1] / 1e3:g} km"
     return holds(
         measure(f"{subject}, share without more of the flight below than in the first row", 100 * np.mean(~lower), "%")
@@ -341,20 +298,7 @@ def lower_altitude_when_desensitized(mission: Mission, studies: Studies, rows: R
         high=altitudes[-1] / 1e3,
         lower=int(lower.sum()),
         count=lower.size,
-        half=half / 1e3,
-        first_stay=stays[0],
-        finite_stay=[stays[1:-1].min(), stays[1:-1].max()],
-        last_stay=stays[-1],
     )
-
-
-def _stays(tradeoff, numbers):
-    """Altitude below which the first row spends half of its flight, m, and how long all rows stay below it, s."""
-    first = numbers[0]
-    fine = np.linspace(tradeoff.time[first, 0], tradeoff.time[first, -1], 100 * tradeoff.time.shape[1])
-    half = np.median(np.interp(fine, tradeoff.time[first], tradeoff.state[first, :, 0]))
-    shares = [share_below(tradeoff.time[row], tradeoff.state[row, :, 0], half) for row in numbers]
-    return half, np.array(shares) * tradeoff.time[numbers, -1]
 
 
 def share_below(time: np.ndarray, altitude: np.ndarray, limit: float) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, LEVEL, SPHERES
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion
-from marsedl.papers.funnels.records import CoarseFunnels, FlightEnsemble, Funnel, Regulators, StageStudy
+from marsedl.papers.funnels.records import CoarseFunnels, FlightEnsemble, Funnel, StageStudy
 from marsedl.replication.claiming import Test, check, provided
 from marsedl.replication.thresholds import ROUNDING
 
@@ -50,6 +50,13 @@ def over_flown(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
         return funnel.level[1:] / flown_levels(funnel, ensemble)[1:]
 
 
+def largest_error(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
+    """Standard deviation of the largest V of a tenth of the flights at the slices, (slices,); NaN of fewer than two."""
+    repeats = ensemble.repeat_maximum[:, funnel.step, LEVEL]
+    repeats = repeats[np.isfinite(repeats).any(axis=1)]
+    return np.std(repeats, axis=0, ddof=1) if len(repeats) > 1 else np.full(len(funnel.step), np.nan)
+
+
 def largest(values: np.ndarray, default: float = np.nan) -> float:
     """Largest of the numbers among some values."""
     values = np.asarray(values)
@@ -67,34 +74,6 @@ def of_variant(coarse_funnels: CoarseFunnels, name: str) -> np.ndarray:
     return coarse_funnels.variant_level[list(coarse_funnels.variant).index(name)]
 
 
-class Weights(NamedTuple):
-    """What other weights of the regulator do to the course of rho."""
-
-    tried: int  # sets of weights with a complete funnel
-    early: int  # of which rho has its first maximum before the middle of the flight
-    rising: int  # of which rho grows over the last tenth
-    least_peak: float  # s, earliest first maximum; none: not a number
-    terminal: float  # least of the factors of the terminal weight with which rho grows there
-
-
-def weights(regulators: Regulators | None = None) -> Weights:
-    """Compare the funnels with other weights; not numbers without the study. Other shapes are left out."""
-    if regulators is None:
-        return Weights(*[np.nan] * 5)
-    time = regulators.slice_time
-    whole = (regulators.outcome == COMPLETE) & (regulators.variant != "shape of least trace")
-    first = [time[peaks(level)].min(initial=np.inf) for level in regulators.level[whole]]
-    rising = np.array([level[-1] > np.interp(0.9 * time[-1], time, level) for level in regulators.level[whole]])
-    at_end = rising & (regulators.variant[whole] == "weight at the end")
-    return Weights(
-        int(whole.sum()),
-        int(np.sum(np.array(first) <= 0.5 * time[-1])),
-        int(rising.sum()),
-        float(np.min(first)) if np.isfinite(first).any() else np.nan,
-        float(regulators.factor[whole][at_end].min()) if at_end.any() else np.nan,
-    )
-
-
 class TooFewSamples(NamedTuple):
     """The bound of the benchmark stage from the most of the samples that are too few."""
 
@@ -103,10 +82,8 @@ class TooFewSamples(NamedTuple):
     enough_bound: float
 
 
-def too_few_samples(stage_study: StageStudy | None = None) -> TooFewSamples:
-    """Compare the bound from too few samples with that from enough; not numbers without the study."""
-    if stage_study is None:
-        return TooFewSamples(np.nan, np.nan, np.nan)
+def too_few_samples(stage_study: StageStudy) -> TooFewSamples:
+    """Compare the bound from too few samples with that from enough."""
     enough = stage_study.samples[list(stage_study.variables).index(SPHERES.variables)]
     short = stage_study.few_rank < enough
     few = int(stage_study.few_samples[short].max(initial=0))

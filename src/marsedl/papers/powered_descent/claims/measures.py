@@ -7,10 +7,15 @@ import numpy as np
 from marsedl.montecarlo.streaming import FinalMoments
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import Choices, FlightEnsemble
-from marsedl.replication.claiming import Largest, listed
+from marsedl.replication.claiming import Largest
 
 MOTION_PART, MASS = slice(4), 4  # components of the final state
 UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))
+
+
+def freedom(trials: int) -> float:
+    """Degrees of freedom of a sample variance; NaN of one trial, which has none."""
+    return trials - 1 if trials > 1 else np.nan
 
 
 class FinalMass(NamedTuple):
@@ -58,7 +63,7 @@ def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:
     scale = np.sqrt(np.diag(covariance))
     product = np.outer(scale, scale)
     sampling = np.sqrt(
-        (sample_covariance**2 + np.outer(np.diag(sample_covariance), np.diag(sample_covariance))) / (trials - 1)
+        (sample_covariance**2 + np.outer(np.diag(sample_covariance), np.diag(sample_covariance))) / freedom(trials)
     )
     return Misses(
         np.abs(sample_mean - mean) / scale,
@@ -88,11 +93,13 @@ def mean_chi_square(published, choices: Choices) -> np.ndarray:
     """Chi-square of the printed mean under each choice of the simulation, on 4 degrees of freedom.
 
     The sampling error is that of the paper's number of trials with the covariance of the choice, and that of the choice
-    itself. Returns (profiles, command intervals, simulations).
+    itself. Returns (profiles, command intervals, simulations); NaN where too few trials make it singular.
     """
     printed = published["mc_final_mean"]
     difference = np.array(printed.printed) - choices.mean
     error = choices.covariance / printed.trials + choices.mean_error
+    if choices.trials <= error.shape[-1]:
+        return np.full(error.shape[:-2], np.nan)
     return np.einsum("...i,...i->...", difference, np.linalg.solve(error, difference[..., np.newaxis])[..., 0])
 
 
@@ -102,50 +109,25 @@ class TriedMeans(NamedTuple):
     number: int  # of choices
     chi_square: float  # the smallest of them
     p_value: float  # of a larger one by chance
-    name: str  # of that choice, in words
 
 
 def tried_means(choices: Choices, published) -> TriedMeans:
-    """The choice of the simulation that fits the printed mean best."""
+    """How well the choice of the simulation fits whose mean is nearest to the printed one."""
     from scipy.special import chdtrc
 
     chi_square = mean_chi_square(published, choices)
-    profile, command, simulation = np.unravel_index(chi_square.argmin(), chi_square.shape)
-    interval = choices.command_interval[command]
-    scheme = str(choices.scheme[simulation]).replace("_", " ")
-    name = ", ".join(
-        (
-            f"{scheme} with {choices.step[simulation]:g} s",
-            f"commands held for {interval:g} s" if interval else "continuous commands",
-            f"a design on the mass profile '{str(choices.profile[profile]).replace('_', ' ')}'",
-        )
-    )
     smallest = float(chi_square.min())
-    return TriedMeans(chi_square.size, smallest, float(chdtrc(choices.mean.shape[-1], smallest)), name)
+    return TriedMeans(chi_square.size, smallest, float(chdtrc(choices.mean.shape[-1], smallest)))
 
 
 class TriedMasses(NamedTuple):
     """Final masses of Algorithm 3 under the choices of its start and of its iteration, kg."""
 
-    number: int  # of final masses, one for each pass of each choice
     converged: int  # of choices, each iterated to its end
     lowest_converged: float
-    near: str  # which of all final masses round to the printed one, in words
 
 
-def tried_masses(choices: Choices, published) -> TriedMasses:
+def tried_masses(choices: Choices) -> TriedMasses:
     """What the choices give for the prior final mass."""
-    printed, masses = published["prior_final_mass"], choices.final_mass
-    near = np.abs(masses - printed.printed) <= printed.resolution / 2
-    with_feedback = masses[..., int(np.flatnonzero(choices.feedback)[0]), -1]
-    words = "none rounds to the printed number"
-    if near.any():
-        _, _, exchanged, _, feedback, passes = (np.unique(index) for index in np.nonzero(near))
-        kinds = ["with feedback" if choices.feedback[i] else "without feedback" for i in feedback]
-        speeds = ["exchanged" if choices.exchanged[i] else "as printed" for i in exchanged]
-        ends = np.broadcast_to(masses[..., -1:], masses.shape)[near]
-        words = (
-            f"{near.sum()} round to the printed number (pass {listed(passes + 1, 'd')}, {' and '.join(kinds)}, speeds "
-            f"{' and '.join(speeds)}); the iterations of these end between {ends.min():.2f} and {ends.max():.2f} kg"
-        )
-    return TriedMasses(int(np.isfinite(masses).sum()), with_feedback.size, float(np.nanmin(with_feedback)), words)
+    with_feedback = choices.final_mass[..., int(np.flatnonzero(choices.feedback)[0]), -1]
+    return TriedMasses(with_feedback.size, float(np.nanmin(with_feedback)))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.montecarlo.streaming import FinalMoments
-from marsedl.papers.powered_descent.claims.measures import MOTION_PART
+from marsedl.papers.powered_descent.claims.measures import MOTION_PART, freedom
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import FlightEnsemble, Nominal
 from marsedl.replication.claiming import Largest, claim, holds, measure
@@ -11,7 +11,7 @@ from marsedl.replication.counterexamples import spread
 from marsedl.replication.thresholds import ABOUT
 
 
-@claim(by_construction="a mass iteration that does not converge is an error of its stage, so that nothing is judged")
+@claim(by_construction="a mass iteration that does not converge is an error of its stage")
 def mass_iteration_converges(nominal: Nominal):
     contraction = nominal.integrated_change[1:] / nominal.integrated_change[:-1]
     return holds(measure(f"factor from pass to pass, {len(contraction) + 1} passes", contraction) < 1)
@@ -26,7 +26,7 @@ def prior_mass_sufficient(mission: Mission, closed_loop: Largest[FlightEnsemble]
     variances = np.outer(assumed_mass.variance, assumed_mass.variance)
     # As if the two ensembles were independent: their common noise makes the errors smaller.
     mean_error = np.sqrt(2 * assumed_mass.variance / trials) / scale
-    error = np.sqrt(2 * (assumed_mass.covariance**2 + variances) / (trials - 1)) / product
+    error = np.sqrt(2 * (assumed_mass.covariance**2 + variances) / freedom(trials)) / product
     shift, change = (
         np.abs(true_mass.mean - assumed_mass.mean) / scale,
         np.abs(true_mass.covariance - assumed_mass.covariance) / product,

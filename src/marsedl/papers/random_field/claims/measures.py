@@ -1,7 +1,5 @@
 """What several claims share: what the flights of all laws give, and what statements call so."""
 
-from functools import cached_property
-
 import numpy as np
 
 from marsedl.papers.random_field.components import BANK_COSINE, FLIGHT_PATH_ANGLE
@@ -10,15 +8,6 @@ from marsedl.papers.random_field.records import CAPTURED, OUTCOMES, FlightEnsemb
 from marsedl.replication.claiming import Evaluation, Fails, Test, holds, provided
 
 OPEN = 0  # the law without control; the last one is that of the last iteration
-
-
-def chance_of_more(count: np.ndarray, trials: int, probability: float) -> np.ndarray:
-    """Probability of `count` or more of `trials` if each has the given one: p-value of a one-sided binomial test."""
-    from scipy.special import betainc
-
-    count = np.asarray(count, dtype=float)
-    at_least_one = np.maximum(count, 1.0)
-    return np.where(count > 0, betainc(at_least_one, trials - at_least_one + 1.0, probability), 1.0)
 
 
 def normal_violation(mean: np.ndarray, deviation: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
@@ -64,71 +53,27 @@ def commanded(gains: Gains, ensemble: FlightEnsemble, law: int) -> tuple[np.ndar
 
 
 class Laws:
-    """What the flights of all laws give."""
+    """What the flights of all laws give; arrays have an entry for every law."""
 
     def __init__(self, gains: Gains, ensemble: FlightEnsemble):
-        """Take the laws and the trials that they fly; the rest is computed when it is asked for."""
+        """Take the laws and the trials that they fly."""
         self.gains, self.ensemble = gains, ensemble
         self.trials = ensemble.outcome.shape[1]
         self.number = range(len(gains.control))
         self.last = self.number[-1]
         self.lost = lost(ensemble)
+        # 99th percentiles of delta-v with their standard errors, then means and deviations of captured trials, m/s.
+        self.percentile, self.error = np.array([delta_v_percentile(ensemble, law, LEVEL) for law in self.number]).T
+        captured = [values[np.isfinite(values)] for values in ensemble.delta_v]
+        self.mean = np.array([values.mean() if len(values) else np.nan for values in captured])
+        self.deviation = np.array([values.std(ddof=1) if len(values) > 1 else np.nan for values in captured])
+        self.offset = self.mean - gains.delta_v_mean  # flown less predicted mean, m/s
+        # Trials beyond the limits of the control, in every interval, (laws, intervals), and in any.
+        self.violations, self.any_violations = step_violations(ensemble, gains.partition)
+        # Largest differences of the distribution functions of delta-v, flown and predicted.
+        predicted = zip(captured, gains.delta_v_mean, gains.delta_v_deviation, strict=True)
+        self.distance = np.array([distribution_distance(*of_law) for of_law in predicted])
         self.distance_error = 0.5 / np.sqrt(self.trials)  # of a distribution function where it is one half
-
-    @cached_property
-    def _percentiles(self) -> np.ndarray:
-        return np.array([delta_v_percentile(self.ensemble, law, LEVEL) for law in self.number]).T
-
-    @property
-    def percentile(self) -> np.ndarray:
-        """99th percentiles of delta-v, m/s, (laws,)."""
-        return self._percentiles[0]
-
-    @property
-    def error(self) -> np.ndarray:
-        """Their standard errors, m/s, (laws,)."""
-        return self._percentiles[1]
-
-    @cached_property
-    def _captured(self) -> list[np.ndarray]:
-        return [values[np.isfinite(values)] for values in self.ensemble.delta_v]
-
-    @cached_property
-    def mean(self) -> np.ndarray:
-        """Means of delta-v over captured trials, m/s, (laws,)."""
-        return np.array([values.mean() if len(values) else np.nan for values in self._captured])
-
-    @cached_property
-    def deviation(self) -> np.ndarray:
-        """Standard deviations of delta-v over captured trials, m/s, (laws,)."""
-        return np.array([values.std(ddof=1) if len(values) > 1 else np.nan for values in self._captured])
-
-    @property
-    def offset(self) -> np.ndarray:
-        """Means over the trials less the predicted ones, m/s, (laws,)."""
-        return self.mean - self.gains.delta_v_mean
-
-    @cached_property
-    def _violations(self) -> tuple[np.ndarray, np.ndarray]:
-        return step_violations(self.ensemble, self.gains.partition)
-
-    @property
-    def violations(self) -> np.ndarray:
-        """Trials beyond the limits in every interval, (laws, intervals)."""
-        return self._violations[0]
-
-    @property
-    def any_violations(self) -> np.ndarray:
-        """Trials beyond the limits in any interval, (laws,)."""
-        return self._violations[1]
-
-    @cached_property
-    def distance(self) -> np.ndarray:
-        """Largest differences of the distribution functions of delta-v, flown and predicted, (laws,)."""
-        means, deviations = self.gains.delta_v_mean, self.gains.delta_v_deviation
-        return np.array(
-            [distribution_distance(self._captured[law], means[law], deviations[law]) for law in self.number]
-        )
 
     @property
     def lost_trials(self) -> list[str]:
@@ -175,6 +120,4 @@ def closed_loop(laws: Laws) -> ClosedLoop:
     """Require a law besides the open loop."""
     if laws.last == OPEN:
         raise Fails(f"no law but the open loop: {laws.gains.refused}", laws.trials)
-    closed = object.__new__(ClosedLoop)
-    closed.__dict__ = laws.__dict__  # what is computed for one is there for the other
-    return closed
+    return ClosedLoop(laws.gains, laws.ensemble)

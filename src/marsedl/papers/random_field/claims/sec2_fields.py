@@ -14,10 +14,7 @@ CONSTANT = 0.01  # of the field's deviation: an edge is constant
 EDGE_POINTS = 20  # intervals between the points at which an edge is held
 
 
-@claim(
-    by_construction="The paper gives no measurements. Those of the example are ours, and so is their noise, which says "
-    "how near conditioned samples pass."
-)
+@claim(by_construction="Measurements and their noise are ours, and say how near conditioned samples pass.")
 def conditioned_1d_samples(drawing: Drawing):
     line = partial(random_field.squared_exponential, variance=1.0, length=drawing.example_length)
     places, values = drawing.example_positions, drawing.example_values

@@ -66,7 +66,7 @@ def w_not_identical(certificates: Certificates):
 @claim(
     "With Eqs. 29, 33 and 39 corrected.",
     errata="E14 E15",
-    by_construction="This is an identity of linear systems. Only rounding is left of it.",
+    by_construction="An identity of linear systems, of which only rounding is left.",
 )
 def mean_from_v_covariance_from_gains(certificates: Certificates):
     return holds(
@@ -97,10 +97,6 @@ def subproblem_convex(certificates: Certificates):
     forms, solvers = apart(certificates.history_objective), apart(certificates.other_objective)
     return holds(
         measure("least excess of chords over the cost along random segments", certificates.convexity) > -ROUNDING,
-        measure(
-            "relative difference of the least costs of the printed and the innovations form",
-            forms,
-        )
-        < SAME_OPTIMUM,
+        measure("relative difference of the least costs of the printed and the innovations form", forms) < SAME_OPTIMUM,
         measure(f"relative difference of those by Clarabel and {certificates.other_solver}", solvers) < SAME_OPTIMUM,
     )

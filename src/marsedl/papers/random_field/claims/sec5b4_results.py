@@ -16,15 +16,11 @@ from marsedl.papers.random_field.claims.sec5b2_model import ANGLE, DENSITY, UNIT
 from marsedl.papers.random_field.components import DENSITY_VARIATION, DYNAMIC_PRESSURE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, Mission, Planet, Vehicle
 from marsedl.papers.random_field.records import (
     BRANCHES,
     CAPTURED,
-    VARIANTS,
-    Convergence,
-    FieldStudy,
     Nominal,
-    Regularization,
 )
 from marsedl.replication.claiming import claim, listed, measure, measured
 from marsedl.replication.counterexamples import in_reading, scaled, shifted
@@ -45,7 +41,7 @@ DIGITS = 6  # of a mean control, beyond which the solver decides
 
 # What the paper does not give, with the inputs that stand for it.
 REGULARIZATION = "what keeps the gains finite (`guidance.navigation_deviations`)"
-KINK = "the derivative at the kink (`guidance.clean_up_branch`)"
+KINK = "the derivative where the clean-up burn vanishes (`guidance.clean_up_branch`)"
 REFERENCE = "what feedback refers to (`guidance.feedback_reference`)"
 VARIANCE = "unit and growth of the variance (`air.variance_at_top`, `air.variance_growth_length`)"
 NAME = f"{100 * LEVEL:g}th percentile of delta-v"
@@ -55,38 +51,16 @@ NAME = f"{100 * LEVEL:g}th percentile of delta-v"
 
 
 @claim(
-    """We find {value:.1f} m/s. The number follows from choices that are not printed. Other nominal densities give
-    {jezero_2021[value]:.0f} to {doc_fit[value]:.1f} m/s, most that of `doc_fit`. It misses the printed entry angle and
-    the printed time of largest dynamic pressure (E5). The printed entry angle gives
-    {angle_printed[value]:.1f} m/s. Feedback of the deviation from the trajectory of the linearisation gives
-    {reference_expansion[value]:.1f} m/s. The printed p_f gives {pf_printed[value]:.0f} m/s, delta-v in m/s gives
-    {metres[value]:.0f} m/s. The next smaller and larger navigation errors of their study give {smaller:.0f} and
-    {larger:.0f} m/s. An iteration that does not cycle gives {both_branches[value]:.0f} m/s. Without any navigation
-    errors {literal_gains[lost]:,} of {literal_gains[trials]:,} flights are lost. So even agreement would be weak
-    evidence.""",
+    "Choices that are not printed decide it, above all the nominal density.",
     errata="E4 E7 E8 E12",
     withheld=(DENSITY, UNIT, REGULARIZATION, ANGLE, REFERENCE),
     counterexample=in_reading("doc_fit"),
 )
-def acap_dv_p99_closed(laws: ClosedLoop, regularization: Regularization | None = None):
-    # Percentiles with the next smaller and larger navigation errors, and the least position error (m) with any.
-    smaller = larger = least = np.nan
-    if regularization is not None:
-        percentile = regularization.percentile
-        nominal_factor = int(np.abs(np.log(regularization.factor)).argmin())
-        usable = np.flatnonzero(np.isfinite(percentile))
-        smaller, larger = (
-            percentile[max(nominal_factor - 1, 0)],
-            percentile[min(nominal_factor + 1, len(percentile) - 1)],
-        )
-        least = regularization.position_error[usable[0]] if usable.size else np.nan
+def acap_dv_p99_closed(laws: ClosedLoop):
     gains = laws.gains
     return _percentile(
         laws,
         laws.last,
-        smaller=smaller,
-        larger=larger,
-        least_error=least,
         # Of the first iteration, whose linearisation is the guess's.
         condition=gains.condition_number[0],
         first_gain=gains.largest_gain[1],
@@ -95,45 +69,14 @@ def acap_dv_p99_closed(laws: ClosedLoop, regularization: Regularization | None =
 
 
 @claim(
-    """Other nominal densities alone give {exponential[value]:.0f} to {doc_fit[value]:.0f} m/s. Full correlation over
-    altitude, the most there can be, gives {correlated[value]:.0f} m/s. With the density of `doc_fit` as well it gives
-    {doc_fit_correlated[value]:.0f} ± {doc_fit_correlated[error]:.0f} m/s, against the correlation length that the paper
-    prints. More variance where the flights are lowest raises the number too: {factor:g} times the variance gives
-    {doubled:.0f} ± {doubled_error:.0f} m/s. With delta-v in m/s we tried two calibrations. A largest variance of
-    {metres_variance[variance]:g} instead of {variance:g} gives {metres_variance[value]:.0f} ±
-    {metres_variance[error]:.0f} m/s, and {metres_variance[last]:.0f} m/s under the last law. A growth length of
-    {metres_growth[growth]:g} instead of {growth:g} km gives {metres_growth[value]:.0f} ± {metres_growth[error]:.0f} and
-    {metres_growth[last]:.0f} m/s. Their first laws give {metres_variance[first]:.0f} and {metres_growth[first]:.0f}
-    m/s, so that iterating does not lower them. At the worst step {metres_variance[worst]:.1f} and
-    {metres_growth[worst]:.1f} % of their commands leave the limits. These two and `doc_fit_correlated` were chosen for
-    the printed percentiles. With the variance as printed {variance_printed[lost]:,} of {variance_printed[trials]:,}
-    flights are lost, with the printed sign {sign_printed[lost]:,} of {sign_printed[trials]:,}.""",
+    """Other nominal densities give {exponential[value]:.0f} to {doc_fit[value]:.0f} m/s, with full correlation
+    {doc_fit_correlated[value]:.0f} m/s.""",
     errata="E1 E2",
     withheld=(DENSITY, VARIANCE),
     counterexample=in_reading("doc_fit_correlated"),
 )
-def acap_dv_p99_open(air: Air, laws: Laws, field_study: FieldStudy | None = None):
-    # What the open loop gives in about twice the variance.
-    doubled_variance = dict.fromkeys(("doubled", "doubled_error", "factor"), np.nan)
-    if field_study is not None:
-        factors = field_study.variance / air.variance_at_top
-        twice = int(np.abs(factors - 2.0).argmin())
-        doubled_variance = {
-            "doubled": field_study.variance_percentile[twice],
-            "doubled_error": field_study.variance_percentile_error[twice],
-            "factor": factors[twice],
-        }
-    return _percentile(
-        laws,
-        OPEN,
-        error=laws.error[OPEN],
-        variance=air.variance_at_top,
-        growth=air.variance_growth_length / 1e3,
-        first=laws.percentile[min(1, laws.last)],
-        last=laws.percentile[laws.last],
-        worst=100 * laws.violations[laws.last].max() / laws.trials,
-        **doubled_variance,
-    )
+def acap_dv_p99_open(laws: Laws):
+    return _percentile(laws, OPEN)
 
 
 def _percentile(laws, law, **numbers):
@@ -149,17 +92,12 @@ def _percentile(laws, law, **numbers):
 
 
 @claim(
-    """In the four panels the predicted and flown distribution functions differ by {panels}. In the last iteration the
-    mean lies {offset:.0f} m/s higher than predicted. The deviation is {flown:.1f} instead of {predicted:.1f} m/s.
-    Prediction and flights fit where the nominal does not end at the kink. With the printed entry angle those of the
-    last law differ by {angle_printed[distance]:.2f}, with both branches in the program by
-    {both_branches[distance]:.2f}.""",
+    "Under the last law the mean lies {offset:.0f} m/s above the predicted one.",
     errata="E7",
     withheld=(ANGLE, KINK),
     counterexample=in_reading("angle_printed"),
 )
 def acap_lc_approximates_dv(laws: ClosedLoop):
-    gains, last = laws.gains, laws.last
     return laws.holds(
         measure(
             "largest difference of the distribution functions of delta-v by linear covariance and of the flights",
@@ -167,15 +105,10 @@ def acap_lc_approximates_dv(laws: ClosedLoop):
             error=laws.distance_error,
         )
         < SIMILAR,
-        f"they are {listed(laws.distance, '.2f')} (open loop first); means of the flights lie "
-        f"{listed(laws.offset, '.1f')} m/s above the predicted ones, their deviations are "
-        f"{listed(laws.deviation, '.1f')} m/s, not {listed(gains.delta_v_deviation, '.1f')} m/s",
+        f"they are {listed(laws.distance, '.2f')} (open loop first); deviations of the flights are "
+        f"{listed(laws.deviation, '.1f')} m/s, predicted {listed(laws.gains.delta_v_deviation, '.1f')} m/s",
         laws.complete,
-        panels=listed(laws.distance, ".2f"),
-        distance=laws.distance[last],
-        offset=laws.offset[last],
-        flown=laws.deviation[last],
-        predicted=gains.delta_v_deviation[last],
+        offset=laws.offset[laws.last],
     )
 
 
@@ -201,7 +134,7 @@ def acap_lc_useful_surrogate(laws: ClosedLoop):
     counterexample=shifted("gains.delta_v_mean"),
 )
 def acap_abs_value_error_source(planet: Planet, mission: Mission, guidance: Guidance, laws: Laws):
-    # Errors of the predicted means, as they are and with the predicted branch continued beyond the kink.
+    # Errors of the predicted means, as they are and with the predicted branch continued.
     gains, ensemble = laws.gains, laws.ensemble
     smooth = np.full(len(laws.number), np.nan)
     for law in laws.number:
@@ -215,8 +148,8 @@ def acap_abs_value_error_source(planet: Planet, mission: Mission, guidance: Guid
     return laws.holds(
         measure("share of the errors of the predicted means that the absolute value makes, all laws", share, "%")
         > 100 * VISIBLE,
-        f"with it the trials' means lie {listed(laws.offset, '.1f')} m/s above the predicted ones (open loop first), "
-        f"with the predicted branch of the clean-up burn continued {listed(smooth, '.1f')} m/s",
+        f"the trials' means lie {listed(laws.offset, '.1f')} m/s above the predicted ones (open loop first), with the "
+        f"predicted branch of the clean-up burn continued {listed(smooth, '.1f')} m/s",
         laws.complete,
         share=share,
     )
@@ -234,16 +167,13 @@ def _branch(mission, guidance, gains, law):
 
 
 @claim(
-    """Here the other two iterations fit worse: the predicted means are {offset_1:.0f}, {offset_2:.0f} and
-    {offset_3:.0f} m/s too low. Which panel fits best depends on the phase of the cycle. With both branches in the
-    program the distribution functions differ by only {both_branches[distance]:.2f}.""",
+    "Here the other two iterations fit worse.",
     errata="E7",
     withheld=(ANGLE, KINK),
     counterexample=in_reading("both_branches"),
 )
 def acap_lc_mismatch_iteration_2(laws: ClosedLoop):
-    last = laws.last
-    second = min(2, last)
+    second = min(2, laws.last)
     return laws.holds(
         measure(
             f"largest difference of the distribution functions of delta-v in iteration {second}",
@@ -251,36 +181,18 @@ def acap_lc_mismatch_iteration_2(laws: ClosedLoop):
             error=laws.distance_error,
         )
         > SIMILAR,
-        f"in panels (a) to ({'abcdefgh'[min(last, 7)]}) {listed(laws.distance, '.2f')}; the trials' means lie "
-        f"{listed(laws.offset, '.1f')} m/s above the predicted ones",
+        f"of all laws {listed(laws.distance, '.2f')} (open loop first)",
         laws.complete,
-        distance=laws.distance[second],
-        **{f"offset_{law}": laws.offset[min(law, last)] for law in (1, 2, 3)},
     )
 
 
 @claim(
-    """The iterations give {iteration_1:.1f}, {iteration_2:.1f} and {iteration_3:.1f} m/s. All lie below the open loop,
-    but the third law is no better than the second. Each design is linearised on one side of the kink and promises a
-    gain beyond it. So the iteration jumps to and fro across the kink, in the end between {before_last:.1f} and
-    {last:.1f} m/s. After three iterations it stands on the worse side. With both branches in the program it stays where
-    it arrives: {both_branches[iteration_1]:.1f}, {both_branches[iteration_2]:.1f}, {both_branches[iteration_3]:.1f} and
-    in the end {both:.1f} m/s. This is better than the worse side, not than the better one. With the printed entry angle
-    no nominal ends at the kink. Then the percentile does fall in every iteration, to {angle_printed[iteration_1]:.1f},
-    {angle_printed[iteration_2]:.1f} and {angle_printed[iteration_3]:.1f} m/s. But that guess misses the target
-    apoapsis, against the text. The percentile also falls with feedback of the deviation from the trajectory of the
-    linearisation: {reference_expansion[iteration_1]:.1f}, {reference_expansion[iteration_2]:.1f},
-    {reference_expansion[iteration_3]:.1f} m/s.""",
+    "They give {iteration_1:.1f}, {iteration_2:.1f} and {iteration_3:.1f} m/s.",
     errata="E7 E12",
     withheld=(ANGLE, REFERENCE, KINK),
     counterexample=in_reading("angle_printed"),
 )
-def acap_p99_decreases_each_iteration(laws: ClosedLoop, convergence: Convergence | None = None):
-    # Percentiles of the last two laws of the long iteration as in the paper, and of the last with both branches.
-    before_last = final = both = np.nan
-    if convergence is not None:
-        one, two = (convergence.percentile[VARIANTS.index(name)] for name in ("one_branch", "both_branches"))
-        before_last, final, both = one[-2], one[-1], two[-1]
+def acap_p99_decreases_each_iteration(laws: ClosedLoop):
     change = np.diff(laws.percentile)
     noise = np.hypot(laws.error[1:], laws.error[:-1])
     return laws.holds(
@@ -289,38 +201,24 @@ def acap_p99_decreases_each_iteration(laws: ClosedLoop, convergence: Convergence
         f"{listed(laws.gains.apoapsis)} r_p",
         laws.complete,
         **{f"iteration_{law}": laws.percentile[min(law, laws.last)] for law in (1, 2, 3)},
-        before_last=before_last,
-        last=final,
-        both=both,
     )
 
 
 # ---- control (Fig. 13) -----------------------------------------------------------------------------------------------
 
 
-def _course(nominal, laws, late):
-    """Mean control of every law before or after the peak of dynamic pressure, by duration; NaN without intervals."""
+@claim(name="acap_lift_up_early", late=False, counterexample=shifted("gains.control", at=(1, slice(0, 4))))
+@claim(name="acap_lift_down_late", late=True, counterexample=shifted("gains.control", at=(2, slice(6, None))))
+def mean_control_moves(nominal: Nominal, laws: ClosedLoop, *, late):
+    # Mean control before or after the peak of dynamic pressure, by duration.
     begins, ends, peak = laws.gains.partition[:-1], laws.gains.partition[1:], nominal.time_of_largest_dynamic_pressure
     part = begins >= peak if late else ends <= peak
-    duration = (ends - begins)[part]
-    control = laws.gains.control
-    return control[:, part] @ duration / duration.sum() if part.any() else np.full(len(control), np.nan)
-
-
-@claim(counterexample=shifted("gains.control", at=(1, slice(0, 4))))
-def acap_lift_up_early(nominal: Nominal, laws: ClosedLoop):
-    course = _course(nominal, laws, late=False)
-    peak = nominal.time_of_largest_dynamic_pressure
-    subject = f"change of the mean control before the peak of dynamic pressure at {peak:.1f} s, from law to law"
-    return laws.holds(measure(subject, np.diff(course.round(DIGITS))) > 0.0, f"it is {listed(course)} (guess first)")
-
-
-@claim(counterexample=shifted("gains.control", at=(2, slice(6, None))))
-def acap_lift_down_late(nominal: Nominal, laws: ClosedLoop):
-    course = _course(nominal, laws, late=True)
-    peak = nominal.time_of_largest_dynamic_pressure
-    subject = f"change of the mean control after the peak of dynamic pressure at {peak:.1f} s, from law to law"
-    return laws.holds(measure(subject, np.diff(course.round(DIGITS))) < 0.0, f"it is {listed(course)} (guess first)")
+    duration, control = (ends - begins)[part], laws.gains.control
+    course = control[:, part] @ duration / duration.sum() if part.any() else np.full(len(control), np.nan)
+    when = "after" if late else "before"
+    subject = f"change of the mean control {when} the peak of dynamic pressure at {peak:.1f} s, from law to law"
+    change = measure(subject, np.diff(course.round(DIGITS)))
+    return laws.holds(change < 0.0 if late else change > 0.0, f"it is {listed(course)} (guess first)")
 
 
 def _at_peak(nominal, laws):
@@ -330,11 +228,7 @@ def _at_peak(nominal, laws):
 
 
 @claim(
-    """In the interval that holds the peak the mean control is {lift:+.3f}, in the next it is {after:+.3f}. This depends
-    on choices that are not printed. It is {metres[lift]:+.2f} with delta-v in m/s and {pf_printed[lift]:+.2f} with the
-    printed p_f. Other nominal densities give {doc_fit[lift]:+.2f} to {jezero_2021[lift]:+.2f}. In the next interval
-    they give {doc_fit[after]:+.2f} to {jezero_2021[after]:+.2f}. In m/s it is {metres_variance[lift]:+.2f} with the
-    larger variance of a calibration.""",
+    "It is {lift:+.3f}, in the next interval {after:+.3f}; another density gives {doc_fit[lift]:+.2f}.",
     errata="E4 E6",
     withheld=(UNIT, DENSITY, VARIANCE),
     counterexample=scaled("gains.control", at=(-1, 4)),
@@ -346,9 +240,8 @@ def acap_zero_lift_at_max_q(nominal: Nominal, laws: ClosedLoop):
     span = f"from {nodes[k]:g} to {nodes[k + 1]:g} s, where the dynamic pressure peaks"
     return laws.holds(
         measure(f"mean control {span}, by magnitude", abs(control[k])) < NEGLIGIBLE,
-        f"it is {control[k]:+.3f}, and {after:+.3f} in the next interval; of the most lift there can be",
+        f"it is {control[k]:+.3f}, in the next interval {after:+.3f}",
         laws.complete,
-        # No sign of zero's.
         lift=round(float(control[k]), 4) + 0.0,
         after=round(float(after), 4) + 0.0,
     )
@@ -370,8 +263,7 @@ def acap_control_variance_high_at_max_q(nominal: Nominal, laws: ClosedLoop):
 
 
 @claim(
-    """At the worst interval {worst:.2f} % of the flights leave the bounds ({low:.2f} to {high:.2f} %). Eq. 77 allots
-    {allotted:.2f} %. With delta-v in m/s the share is {metres[worst]:.1f} %.""",
+    "At the worst interval {worst:.2f} % leave the bounds; Eq. 77 allots {allotted:.2f} %.",
     errata="E6 E16",
     withheld=(UNIT, REGULARIZATION),
     counterexample=scaled("aerocapture.histogram", at=(-1, slice(None), 0, 0)),
@@ -379,7 +271,6 @@ def acap_control_variance_high_at_max_q(nominal: Nominal, laws: ClosedLoop):
 def acap_control_within_bounds(guidance: Guidance, laws: ClosedLoop):
     nodes, counts = laws.gains.partition, laws.violations[laws.last]
     worst = int(np.argmax(counts))
-    any_count = int(laws.any_violations[laws.last])
     flight_count = int(laws.ensemble.count[laws.last] + laws.ensemble.excluded[laws.last])  # all in the counts
     allotted = 1.0 - guidance.control_probability
     low, high = (100 * float(bound) for bound in binomial_interval(int(counts[worst]), flight_count, CONFIDENCE))
@@ -388,14 +279,11 @@ def acap_control_within_bounds(guidance: Guidance, laws: ClosedLoop):
     return laws.holds(
         # Eq. 77 says what is unlikely. The sampling error is that of a share that is as allotted.
         measure("share of commands beyond the limits in an interval", share, "%", error=noise) <= 100 * allotted,
-        f"at the worst, {span}, {counts[worst]:,} of {flight_count:,} flights ({low:.3f} to {high:.3f} % with "
-        f"{100 * CONFIDENCE:g} % confidence); {any_count:,} in any interval",
+        f"{span} {counts[worst]:,} of {flight_count:,} flights ({low:.3f} to {high:.3f} % with "
+        f"{100 * CONFIDENCE:g} % confidence)",
         laws.complete,
         worst=share[worst],
-        low=low,
-        high=high,
         allotted=100 * allotted,
-        any_step=100 * any_count / flight_count,
     )
 
 
@@ -422,12 +310,9 @@ def acap_mc_three_sigma_slightly_outside(vehicle: Vehicle, laws: ClosedLoop):
     )
 
 
-@claim(
-    by_construction="Flights cut the command off at its limits. Of many nearly normal commands some lie beyond "
-    "any limit."
-)
+@claim(by_construction="Of many nearly normal commands some lie beyond any limit, and are cut off.")
 def acap_control_saturated(laws: ClosedLoop):
-    beyond = np.nanmax(laws.ensemble.observed_maximum[laws.last, :, 1], initial=-np.inf)
+    beyond = np.fmax.reduce(laws.ensemble.observed_maximum[laws.last, :, 1])
     count = int(laws.any_violations[laws.last])
     return laws.holds(
         measure(f"flights of {laws.trials:,} that command beyond the limits in some interval", count) > 0,
@@ -438,25 +323,22 @@ def acap_control_saturated(laws: ClosedLoop):
 # ---- linear covariance against flights (Figs. 12 and 14 to 17) -------------------------------------------------------
 
 
-def state_error(gains, ensemble, law) -> tuple[float, np.ndarray]:
-    """Root mean square relative error of the predicted deviations, and predicted over flown ones (nodes - 1, 3).
+def state_error(gains, ensemble, law) -> float:
+    """Root mean square relative error of the predicted deviations over nodes after the first and states.
 
-    Over nodes after the first and states, without those at which a state deviates next to nothing: NaN there.
+    Without those at which a state deviates next to nothing; NaN if there are no others, as where all flights are lost.
     """
     sampled, predicted = (values[1:] for values in node_deviations(gains, ensemble, law))
     wide = sampled > WIDE * sampled.max(axis=0)
     ratio = np.divide(predicted, sampled, out=np.full_like(sampled, np.nan), where=wide)
-    return float(np.sqrt(np.nanmean((ratio - 1.0) ** 2))), ratio
+    return float(np.sqrt(np.nanmean((ratio - 1.0) ** 2))) if wide.any() else np.nan
 
 
 @claim(errata="E12", withheld=REFERENCE, counterexample=scaled("gains.covariance", at=(OPEN,)))
 def acap_lc_better_for_guess_state(laws: ClosedLoop):
-    gains, last = laws.gains, laws.last
-    (guess, guess_ratio), (best, best_ratio) = (state_error(gains, laws.ensemble, law) for law in (OPEN, last))
+    guess, best = (state_error(laws.gains, laws.ensemble, law) for law in (OPEN, laws.last))
     # As if all deviations were one, which they nearly are: they are strongly correlated.
     sampling = np.sqrt(2.0) / np.sqrt(2.0 * laws.trials)
-    node, state = np.unravel_index(np.nanargmax(np.abs(best_ratio - 1.0)), best_ratio.shape)
-    name = ("radius", "velocity", "flight path angle")[state]
     return laws.holds(
         measure(
             "root mean square error of the predicted deviations of the states, last iteration less guess",
@@ -465,27 +347,18 @@ def acap_lc_better_for_guess_state(laws: ClosedLoop):
             error=100 * sampling,
         )
         > 0.0,
-        f"for the last iteration {100 * best:.1f} %, for the guess {100 * guess:.1f} % (at most "
-        f"{100 * np.nanmax(np.abs(guess_ratio - 1)):.1f} %); most for the {name} at {gains.partition[node + 1]:g} s, "
-        f"{best_ratio[node, state]:.2f} of the flown one; left out are {np.isnan(best_ratio).sum()} and "
-        f"{np.isnan(guess_ratio).sum()} deviations below {100 * WIDE:g} % of the largest of their state",
+        f"for the last iteration {100 * best:.1f} %, for the guess {100 * guess:.1f} %",
         laws.complete,
     )
 
 
 @claim(
-    """We compare the distribution functions. Deviations depend on the kink: the predicted one is {guess_share:.2f} of
-    the flown one for the guess and {last_share:.2f} for the last iteration. With the derivative of either side of the
-    kink it is {kink_undershoot[guess_share]:.2f} or {kink_overshoot[guess_share]:.2f} for the guess. With the printed
-    entry angle the guess fits worse: its distribution functions differ by {angle_printed[guess_distance]:.2f}, those of
-    the last iteration by {angle_printed[last_distance]:.2f}.""",
+    "Distribution functions are compared, as deviations depend on the side taken (E7).",
     errata="E7",
     withheld=(KINK, ANGLE),
     counterexample=in_reading("angle_printed"),
 )
 def acap_lc_better_for_guess_dv(laws: ClosedLoop):
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shares = laws.gains.delta_v_deviation / laws.deviation
     return laws.holds(
         measure(
             "difference of the distribution functions of delta-v in the last iteration less that for the guess",
@@ -493,15 +366,9 @@ def acap_lc_better_for_guess_dv(laws: ClosedLoop):
             error=np.sqrt(2.0) * laws.distance_error,
         )
         > 0.0,
-        f"they are {laws.distance[laws.last]:.2f} and {laws.distance[OPEN]:.2f}; predicted over flown deviation "
-        f"{shares[OPEN]:.2f} and "
-        f"{shares[laws.last]:.2f}",
+        f"they are {laws.distance[laws.last]:.2f} and {laws.distance[OPEN]:.2f}",
         laws.complete,
-        guess_distance=laws.distance[OPEN],
-        last_distance=laws.distance[laws.last],
         guess_predicted=laws.gains.delta_v_deviation[OPEN],
-        guess_share=shares[OPEN],
-        last_share=shares[laws.last],
     )
 
 
@@ -516,16 +383,15 @@ def acap_q_deviation_grows(laws: ClosedLoop):
     # As if the deviations of all times were one, which makes the error largest.
     noise = np.hypot(without, closed) / np.sqrt(2.0 * laws.trials)
     subject = "deviation of the dynamic pressure with feedback less that without, root mean square over time"
-    largest = np.sqrt(np.maximum(variance.max(axis=1), 0.0))
     return laws.holds(
         measure(subject, closed - without, "Pa", error=noise) > 0.0,
-        f"it is {closed:.1f} and {without:.1f} Pa; at most {largest[1]:.0f} and {largest[0]:.0f} Pa",
+        f"it is {closed:.1f} and {without:.1f} Pa",
         laws.complete,
     )
 
 
 @claim(
-    """The two are at most {most:.1f} % apart, and {mean:.1f} % root mean square over time.""",
+    "The two are at most {most:.1f} % apart.",
     counterexample=scaled("gains.variation_deviation", at=(-1,)),
 )
 def acap_density_lc_agrees(laws: ClosedLoop):
@@ -542,5 +408,4 @@ def acap_density_lc_agrees(laws: ClosedLoop):
         f"from {ratio.min():.3f} to {ratio.max():.3f}, furthest off at {laws.gains.time[np.argmax(departure)]:g} s",
         laws.complete,
         most=100 * departure.max(),
-        mean=100 * np.sqrt((departure**2).mean()),
     )

@@ -4,12 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.models import density_variation
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streaming import final_extremes, final_percentile, is_streamed, outcome_count
-from marsedl.papers.stochastic_entry import environment
-from marsedl.papers.stochastic_entry.inputs import Air, Design, Mission, Planet, Simulation
+from marsedl.papers.stochastic_entry.inputs import Design, Mission, Planet, Simulation
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     CASES,
@@ -282,20 +280,6 @@ def dynamic_pressure(linearization: Linearization) -> np.ndarray:
     return 0.5 * linearization.state[:, 4] * linearization.state[:, 1] ** 2
 
 
-# ---- density and entry -----------------------------------------------------------------------------------------------
-
-
-def samples_in_words(air: Air) -> str:
-    """Deviations of our density samples beside those that Mars-GRAM states."""
-    altitudes = np.array([40e3, 80e3])
-    ours = 100 * np.sqrt(environment.variance(air, altitudes))
-    gram = 100 * density_variation.mars_gram_2010_deviation(altitudes)
-    return (
-        f"our samples have deviations of {ours[0]:.1f} and {ours[1]:.1f} % at 40 and 80 km; Mars-GRAM 2010 states "
-        f"{gram[0]:.1f} and {gram[1]:.1f} %"
-    )
-
-
 def crossrange_of_azimuth(planet: Planet, mission: Mission) -> tuple[float, float]:
     """Arc from entry to target (rad), and the crossrange (m) of the azimuth's offset from it over that arc."""
     step = mission.target_longitude - mission.entry_longitude
@@ -366,11 +350,6 @@ class Dispersion:
         # The measure of Fig. 9: root mean square of the difference of the curves, over the height of the panel.
         self.apart = np.sqrt(((self.sampled - self.predicted) ** 2).mean(axis=0)) / self.sampled.max(axis=0)
         self.end_ratio = self.sampled[-1] / self.predicted[-1]
-
-    @property
-    def distances(self) -> str:
-        """How far the curves are apart, in words."""
-        return ", ".join(f"{state} {100 * value:.1f} %" for state, value in zip(HISTORY, self.apart, strict=True))
 
 
 class Dispersions(dict):

@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.methods.state_trigger import trigger_time_variance
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streaming import is_streamed
-from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, LAW_NAMES, LAWS, SIGNS, Flights, Predicted
+from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, LAW_NAMES, LAWS, SIGNS, Flights
 from marsedl.papers.stochastic_entry.inputs import Planet
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
 from marsedl.papers.stochastic_entry.records import (
@@ -34,7 +34,6 @@ class AtTrigger(NamedTuple):
     ended: np.ndarray  # which trials came to the trigger
     mean: np.ndarray  # (5,), deviation at t_f
     covariance: np.ndarray  # (5, 5), at t_f
-    since: float  # s, from when they are made
 
 
 class AtTriggers(dict):
@@ -42,7 +41,7 @@ class AtTriggers(dict):
 
 
 def at_triggers(planet: Planet, linearization: Linearization, flights: Flights) -> AtTriggers:
-    """Moments at t_f of the flights to the velocity trigger.
+    """Moments at t_f of the flights to the velocity trigger, so that the trigger alone is tested, not the design.
 
     Flights to a trigger do not all pass t_f. Their moments at the last command at which all but a thousandth still fly
     are carried on to t_f by the linear model, which has no control there.
@@ -61,7 +60,7 @@ def at_triggers(planet: Planet, linearization: Linearization, flights: Flights) 
         mean, covariance = ensemble.mean[last, :STATES] - reference, ensemble.covariance[last, :STATES, :STATES]
         for transition, noise in zip(linearization.transition[last:], linearization.noise[last:], strict=True):
             mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
-        result[law] = AtTrigger(ended, mean, covariance, linearization.time[last])
+        result[law] = AtTrigger(ended, mean, covariance)
     return result
 
 
@@ -91,10 +90,7 @@ def trigger_time_gaussian(flights: Flights, at_trigger: AtTriggers):
 
 
 @claim(
-    """We take the deviation in Eq. 63, and the covariance at t_f from the flights. So the trigger alone is tested. The
-    mean is {apollo_late:+.2f} s (Apollo) and {stochastic_late:+.2f} s (stochastic) from t_f. The deviation is
-    {apollo_ratio:.2f} and {stochastic_ratio:.2f} of that predicted. Bank reversals, which the linear model does not
-    have, move the mean.""",
+    "Bank reversals move the mean, by {apollo_late:+.2f} (Apollo) and {stochastic_late:+.2f} s (stochastic).",
     errata="E4 E22",
     withheld=(DEADBAND, SIGNS),
     counterexample=shifted("apollo_velocity.final_state", component="end_time"),
@@ -105,10 +101,9 @@ def trigger_time_statistics(nominal: Nominal, linearization: Linearization, flig
         time = _trigger_times(flights, trigger, law)
         expected = np.sqrt(trigger_time_variance(linearization.final_rates, TRIGGER_NORMAL, trigger.covariance))
         late, ratio, count = time.mean() - nominal.end_time, time.std(ddof=1) / expected, len(time)
-        numbers |= {f"{law}_late": late, f"{law}_ratio": ratio}
+        numbers[f"{law}_late"] = late
         parts += [
-            f"{LAW_NAMES[law]} law: mean {late:+.2f} s from t_f, deviation {time.std(ddof=1):.2f} s, predicted "
-            f"{expected:.2f} s",
+            f"{LAW_NAMES[law]} law: mean {late:+.2f} s from t_f, {ratio:.2f} of the predicted deviation",
             measure("distance of the mean from t_f", abs(late / expected), "deviations", error=1 / np.sqrt(count))
             < ABOUT,
             measure("relative error of the predicted deviation", abs(ratio - 1.0), error=1 / np.sqrt(2 * count))
@@ -118,9 +113,7 @@ def trigger_time_statistics(nominal: Nominal, linearization: Linearization, flig
 
 
 @claim(
-    """We take the flights' own mean at t_f, so that the trigger alone is tested. Projected by Eq. 65 it predicts a
-    range off by {apollo_shift:+.2f} km (Apollo) and {stochastic_shift:+.2f} km (stochastic). Flights are off by
-    {apollo_offset:+.2f} and {stochastic_offset:+.2f} km. Bank reversals on the way move that mean.""",
+    "Bank reversals move the range, by {apollo_offset:+.2f} (Apollo) and {stochastic_offset:+.2f} km (stochastic).",
     errata="E4 E22",
     withheld=DEADBAND,
     counterexample=shifted("apollo_velocity.final_state", component="downrange"),
@@ -130,11 +123,10 @@ def trigger_mean(linearization: Linearization, flights: Flights, at_trigger: AtT
     for law, trigger in at_trigger.items():
         error, shift = _ends(flights, trigger, law), (linearization.trigger_projection @ trigger.mean)[AT_TRIGGER]
         spread_of_ends, offset = error.std(axis=0, ddof=1), error.mean(axis=0)
-        numbers |= {f"{law}_offset": offset[2] / 1e3, f"{law}_shift": shift[2] / 1e3}
+        numbers[f"{law}_offset"] = offset[2] / 1e3
         parts += [
-            f"{LAW_NAMES[law]} law: means of altitude, path angle and range off the nominal by "
-            f"{listed(offset / spread_of_ends, '+.2f')} deviations, predicted {listed(shift / spread_of_ends, '+.2f')} "
-            f"from the moments of the flights at {trigger.since:.0f} s",
+            f"{LAW_NAMES[law]} law: means of altitude, path angle, range off by "
+            f"{listed(offset / spread_of_ends, '+.2f')} deviations, predicted {listed(shift / spread_of_ends, '+.2f')}",
             measure(
                 "error of the predicted means",
                 np.abs(offset - shift) / spread_of_ends,
@@ -147,27 +139,22 @@ def trigger_mean(linearization: Linearization, flights: Flights, at_trigger: AtT
 
 
 @claim(
-    """We take the flights' own covariance at t_f. The design's covariance predicts a range deviation of
-    {apollo_designed:.2f} km (Apollo) and {stochastic_designed:.2f} km (stochastic) instead. Flights have
-    {apollo_deviation:.2f} and {stochastic_deviation:.2f} km. The design knows neither bank reversals nor errors of the
-    aerodynamics.""",
+    "Ranges deviate by {apollo_deviation:.2f} (Apollo) and {stochastic_deviation:.2f} km (stochastic).",
     errata="E4 E22",
     withheld=(DEADBAND, SIGNS),
     counterexample=spread("apollo_velocity.final_state", component="altitude"),
 )
-def trigger_covariance(linearization: Linearization, predicted: Predicted, flights: Flights, at_trigger: AtTriggers):
+def trigger_covariance(linearization: Linearization, flights: Flights, at_trigger: AtTriggers):
     projection, parts, numbers = linearization.trigger_projection, [], {}
     for law, trigger in at_trigger.items():
         error = _ends(flights, trigger, law)
         expected = np.sqrt(np.diag(projection @ trigger.covariance @ projection.T))[AT_TRIGGER]
         deviation = error.std(axis=0, ddof=1)
-        designed = np.sqrt(np.diag(projection @ predicted[law][1, -1] @ projection.T))[AT_TRIGGER]
-        kilometres = {"deviation": deviation, "expected": expected, "designed": designed}
-        numbers |= {f"{law}_{name}": values[2] / 1e3 for name, values in kilometres.items()}
+        numbers[f"{law}_deviation"] = deviation[2] / 1e3
         off, sampling = np.abs(deviation / expected - 1.0), deviation / expected / np.sqrt(2 * len(error))
         parts += [
-            f"{LAW_NAMES[law]} law: {listed(deviation / expected, '.2f')} of the predicted deviations of altitude, "
-            f"path angle and range, {deviation[2] / 1e3:.2f} km of range",
+            f"{LAW_NAMES[law]} law: {listed(deviation / expected, '.2f')} of the deviations of altitude, path angle, "
+            "range that Eq. 65 predicts from the flights' own covariance at t_f",
             measure("relative error of the predictions", off, error=sampling) < ABOUT,
         ]
     return holds(*parts, *_of_the_first(flights), trials=flights["apollo_velocity"].count, **numbers)

@@ -1,0 +1,49 @@
+"""The size of the project, which shrinks: whoever needs more lines or jobs says why where they raise a number here."""
+
+import ast
+import re
+from pathlib import Path
+from statistics import mean
+
+import pytest
+
+from marsedl.papers import SLUGS
+
+ROOT = Path(__file__).parents[1]
+LINES = {
+    "src/marsedl": 51_000,
+    "src/marsedl/papers": 26_000,
+    "src/marsedl/methods": 10_000,
+    "src/marsedl/models": 2_300,
+    "src/marsedl/montecarlo": 1_800,
+    "src/marsedl/replication": 10_500,
+    "tests": 36_000,
+}
+MEAN_LINES = {"claims/*.py": 20, "tables.py": 30, "figures.py": 35}  # of a claim, a table, a figure
+JOBS = 380  # of `snakemake all`
+
+
+def lines(path):
+    return len(path.read_text(encoding="utf-8").splitlines())
+
+
+@pytest.mark.parametrize("folder", LINES)
+def test_lines(folder):
+    assert sum(map(lines, (ROOT / folder).rglob("*.py"))) <= LINES[folder]
+
+
+@pytest.mark.parametrize("pattern", MEAN_LINES)
+def test_lines_of_a_function(pattern):
+    """Of public functions, decorators included; what they share counts for the wings alone."""
+    sizes = []
+    for path in (path for slug in SLUGS for path in (ROOT / "src/marsedl/papers" / slug).glob(pattern)):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and path.stem != "measures":
+                sizes.append(node.end_lineno - min([node.lineno, *(d.lineno for d in node.decorator_list)]) + 1)
+    assert mean(sizes) <= MEAN_LINES[pattern]
+
+
+@pytest.mark.workflow
+def test_jobs(project):
+    process = project.run("all", "--dry-run", "--quiet", "host")
+    assert int(re.search(r"^total +(\d+)$", process.stdout, re.MULTILINE)[1]) <= JOBS

@@ -1,0 +1,100 @@
+"""Where and how Snakemake is started: as a module of another workflow, elsewhere, from Python, by another path."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.workflow
+ROOT = Path(__file__).parents[2]
+PROFILE = ("--workflow-profile", str(ROOT / "profiles" / "default"))
+SNAKEFILE = f"""
+configfile: "config/config.yaml"
+
+
+module marsedl:
+    snakefile: {str(ROOT / "Snakefile")!r}
+    config: config
+
+
+use rule * from marsedl as marsedl_*
+
+
+rule my_summary:
+    input:
+        "figures/powered_descent/mine/fig03.png",
+    output:
+        "figures/mine/summary.txt",
+    shell:
+        "touch {{output}}"
+"""
+CONFIG = """
+samples: [a, b]
+powered_descent:
+  readings:
+    mine:
+      based_on: corrected
+      planet:
+        gravity: {value: 3.7, source: "assumed: test"}
+"""
+
+
+def run(folder, *command):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    return subprocess.run(
+        list(map(str, command)),
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("config", ["config: config", ""], ids=["with the outer configuration", "without"])
+def test_a_module_leaves_keys_files_and_targets_to_the_outer_workflow(tmp_path, config):
+    """Its claims read the printed ones of the project; everything is planned into the outer folder."""
+    snakefile = SNAKEFILE.replace("config: config", config)
+    (tmp_path / "Snakefile").write_text(snakefile if config else snakefile.replace("/mine/fig03", "/fig03"), "utf-8")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "config.yaml").write_text(CONFIG, encoding="utf-8")
+    targets = ("my_summary", "figures/mine/summary.txt", "marsedl_powered_descent")
+    process = run(
+        tmp_path, sys.executable, "-m", "snakemake", *targets, "-n", "--quiet", "host", "--cores", "1", *PROFILE
+    )
+    assert process.returncode == 0, process.stdout[-3000:]
+    for line in ("rule my_summary:", "output: report/claims/powered_descent.json"):
+        assert line in process.stdout
+    assert ("figures/powered_descent/mine/fig03.png" in process.stdout) == bool(config)
+
+
+def test_another_folder_and_another_program_may_run_the_workflow(tmp_path):
+    """As the Python interface does: the words of the program are its own."""
+    command = ["-s", str(ROOT / "Snakefile"), "report/claims/powered_descent.json", "-n", "--cores", "1", *PROFILE]
+    process = run(tmp_path, sys.executable, "-c", f"from snakemake.cli import main; main({command!r})", "gale")
+    assert process.returncode == 0, process.stdout[-3000:]
+    assert "powered_descent_claims" in process.stdout
+
+
+def test_verify_runs_the_python_of_snakemake():
+    process = run(ROOT, sys.executable, "-m", "snakemake", "verify", "-n", "-p", "--nolock", "--cores", "1")
+    assert f"{sys.executable} -m marsedl.cli verify" in process.stdout, process.stdout[-3000:]
+
+
+def test_a_path_with_a_space_is_refused_in_one_line(tmp_path):
+    """Snakemake does not quote the path of its Python; make can name no such folder."""
+    folder = tmp_path / "my study"
+    folder.mkdir()
+    (folder / ".venv").symlink_to(sys.prefix)
+    python = folder / ".venv" / "bin" / "python"
+    process = run(ROOT, python, "-m", "snakemake", "all", "-n", "--cores", "1")
+    assert process.returncode != 0
+    assert f"marsedl: {python}: Snakemake runs no Python whose path has a space; move the project" in process.stdout
+    shutil.copy(ROOT / "Makefile", folder)
+    process = run(folder, "make", "-n", "all")
+    assert process.returncode != 0
+    assert "has a space, with which Snakemake runs no job: move the project" in process.stdout
