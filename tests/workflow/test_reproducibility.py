@@ -11,9 +11,8 @@ from jsonschema import Draft202012Validator
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.badge import badge
 from marsedl.replication.digests import digest_tree
-from marsedl.replication.errors import MarsedlError
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.verification import PRODUCTS, built_artifacts
+from marsedl.replication.verification import PRODUCTS
 from marsedl.schemas import claims_schema
 
 pytestmark = pytest.mark.workflow
@@ -84,19 +83,3 @@ def test_the_claims_are_as_their_schema_says_and_the_badge_counts_them(copied):
     rows = json.loads(copied.path("report/claims.json").read_text(encoding="utf-8"))
     assert not [error.message for error in Draft202012Validator(claims_schema()).iter_errors(rows)]
     assert json.loads(copied.path("report/badge.json").read_text(encoding="utf-8")) == badge(rows)
-
-
-def test_a_build_is_up_to_date_in_its_own_configuration_alone(tree):
-    """Whose artifacts are those that its claims are made from; chunks are none of them."""
-    actual = built_artifacts(tree.folder, *tree.config)
-    assert set(actual) == {name for name in tree.state() if name.startswith("data/cache/")}
-    before = tree.state()
-    with pytest.raises(MarsedlError, match="is not up to date with configuration and code"):
-        built_artifacts(tree.folder)
-    process = tree.marsedl("accept")
-    assert process.returncode == 2
-    assert "run 'snakemake all'" in process.stderr
-    tree.path("data/cache/funnels/corrected/nominal.h5").unlink()
-    with pytest.raises(MarsedlError, match=r"funnels/corrected/\S+ \(missing\)"):
-        built_artifacts(tree.folder, *tree.config)
-    assert tree.state() == {name: stamp for name, stamp in before.items() if "funnels/corrected/nominal.h5" not in name}
