@@ -24,7 +24,7 @@ USED = {
 CONE_PROGRAMS = {
     *("powered_descent/certificates", "random_field/gains", "random_field/certificates", "random_field/convergence"),
     "random_field/double_integrator",
-    *("funnels/stage_study", "funnels/coarse_funnels", "funnels/dubins_study", "stochastic_entry/certificates"),
+    *("funnels/stage_study", "funnels/coarse_funnels", "stochastic_entry/certificates"),
 }
 NO_SCIPY = {
     *("powered_descent/montecarlo_gather", "random_field/montecarlo_gather", "random_field/double_integrator_flights"),

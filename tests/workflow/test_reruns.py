@@ -279,11 +279,11 @@ def test_the_number_of_drawn_trials_reruns_the_flights(project):
 
 
 def test_one_readings_input_leaves_the_other_readings_alone(project):
-    project.set_inputs("kilonewton_noise", noise_coefficient=0.03)
+    project.set_inputs("corrected", noise_coefficient=0.03)
     plan = project.edited()
-    assert plan.readings == {"kilonewton_noise"}
-    assert plan.shown == set()
-    assert plan.stages() == {"gains", "linearization", "nominal", "montecarlo"}
+    assert plan.papers == {"powered_descent"}
+    assert plan.readings == {"corrected"}
+    assert plan.stages() >= {"gains", "linearization", "nominal", "montecarlo"}
 
 
 def test_a_limit_of_the_stochastic_law_reruns_no_nominal_and_no_linear_model(project):
@@ -312,11 +312,14 @@ def test_a_density_table_is_an_input_by_its_numbers(project):
     project.write(name, "# A comment.\n" + text)
     assert project.edited().rerun == ()
     reading = next(line for line in text.splitlines() if line.startswith("marsgram_2021a_sample_daily_mean,"))
+    mine = {"random_field": {"readings": {"mine": {"based_on": "marsgram_daily_mean"}}}}
+    before = project.jobs(**mine)
     project.write(name, text.replace(reading, reading.replace("e-", "1e-", 1)))  # one more digit
-    plan = project.edited()
-    assert plan.papers == {"random_field"}
-    assert plan.readings == {"marsgram_daily_mean"}
-    assert plan.stages() >= {"nominal", "linearization", "gains", "montecarlo"}
+    moved = [job for key, job in project.jobs(**mine).items() if job.recipe != before[key].recipe and "/" in job.name]
+    assert {(job.paper, job.name.split("/")[0]) for job in moved} == {("random_field", "marsgram_daily_mean")}, (
+        "whose files mine shares"
+    )
+    assert {job.kind for job in moved} >= {"nominal", "linearization", "gains", "montecarlo"}
 
 
 def test_the_number_of_chunks_is_no_part_of_a_recipe(project):
