@@ -32,7 +32,7 @@ from marsedl.replication import kernels
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.digests import digest
 from marsedl.replication.scaffold import new_paper
-from marsedl.replication.sizes import build_folder, size_of
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemake
 
 # The same examples in every run, so that chance decides nothing; `pytest --hypothesis-profile=default` draws new ones.
@@ -116,7 +116,7 @@ class Tree:
     @property
     def build(self) -> Path:
         """Where the products are of the size that Snakemake is run with."""
-        return build_folder(self.folder, size_of(self.config))
+        return build_folder(self.folder, dict(entry.split("=", 1) for entry in self.config).get("size", "full"))
 
     def path(self, name: str) -> Path:
         """A file of the project or, named as in a full build, of the build."""

@@ -32,7 +32,7 @@ def asked():
         ["all", "verify", "--cores", "all"],
         ["-n", "--until", "figure", "my_target"],  # behind an option, it is left to Snakemake
         ["figures/powered_descent/fig07.png", "./figures/powered_descent//printed/fig07.pdf"],
-        ["figures/powered_descent/claims.csv", "figures/comparison/costs.md", "logs/anything.log"],
+        ["figures/powered_descent/claims.csv", "figures/comparison/densities.md", "logs/anything.log"],
         ["data/cache/powered_descent/printed/nominal.h5", "data/cache/funnels/corrected/chunks/any.0of2.h5"],
         ["data/cache/powered_descent/corrected/montecarlo.closed_loop.h5", "figures/mine.txt/../../own/x.txt"],
     ],

@@ -238,7 +238,7 @@ def test_without_a_cause_that_moves_it_a_claim_is_outside_of_its_limits():
 def test_a_reading_in_which_a_claim_stands_shows_its_cause():
     turned = with_turned("fails", "holds") | {"errata": ["E1"]}
     assert shown_cause(turned, erratum("E1", "slip")) == "Title of E1"
-    nearer = {name: result(False, "fails", margin=margin("it", value, 1.0, 40.0, "standard errors"))
+    nearer = {name: result(False, "fails", margin=margin("it", value, 1.0, 40.0, "standard errors", error=0.1))
               for name, value in (("corrected", 5.0), ("slip", 3.0), ("air", 7.0))}  # fmt: skip
     stated = statement("stated", nearer, errata=["E1", "E2"])
     assert shown_cause(stated, erratum("E1", "air"), erratum("E2", "slip")) == "Title of E2"

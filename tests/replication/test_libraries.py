@@ -96,7 +96,10 @@ def test_companions_are_what_a_library_itself_requires():
 
 
 def test_every_library_that_some_code_uses_is_installed_under_the_name_by_which_it_is_looked_up():
-    used = set().union(*USED.values(), *(script_libraries(path) for path in (ROOT / "workflow/scripts").glob("*.py")))
+    used = set().union(
+        *USED.values(),
+        *(remembered_digests(ROOT).script_libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
+    )
     used -= {"yaml"}
     assert used >= {"PIL", "casadi", "cvxpy", "ddsketch", "jinja2", "matplotlib", "numba", "numpy", "scipy"}
     assert "not installed" not in library_versions(*(DISTRIBUTIONS.get(name, name) for name in used)).values()

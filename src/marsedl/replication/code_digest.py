@@ -203,7 +203,8 @@ class RememberedDigests:
 
     def _key_now(self) -> str:
         hasher = hashlib.sha256(sys.version.encode())
-        for folder in (self._source_root, self._scripts):
+        package = self._source_root / "marsedl"  # an installed one has others beside it
+        for folder in (package if package.is_dir() else self._source_root, self._scripts):
             for path in sorted(folder.rglob("*.py")):
                 content = path.read_bytes()
                 hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
@@ -212,8 +213,11 @@ class RememberedDigests:
 
 @cache
 def remembered_digests(root: Path) -> RememberedDigests:
-    """The remembered digests of the project in a folder."""
-    return RememberedDigests(root / ".cache" / "code_digests.json", root / "src", root / "workflow" / "scripts")
+    """The remembered digests of the project in a folder; of the installed package if the folder holds no sources."""
+    scripts = root / "workflow" / "scripts"
+    if not (root / "src" / "marsedl").is_dir():
+        return RememberedDigests(SOURCE_ROOT / "marsedl" / "__pycache__" / "code_digests.json", SOURCE_ROOT, scripts)
+    return RememberedDigests(root / ".cache" / "code_digests.json", root / "src", scripts)
 
 
 def _closure_of(entry: str, source: "_Source") -> "_Closure":

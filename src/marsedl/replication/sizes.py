@@ -1,6 +1,5 @@
 """Where a build of each size lives: sizes do not share files."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 FULL = "full"
@@ -9,8 +8,3 @@ FULL = "full"
 def build_folder(root: Path, size: str) -> Path:
     """Return the folder that holds the products of a size: the project's own for the full one, else `build/SIZE`."""
     return root if size == FULL else root / "build" / size
-
-
-def size_of(config: Iterable[str]) -> str:
-    """Return the size that `--config` entries such as "size=smoke" choose."""
-    return dict([("size", FULL), *(entry.split("=", 1) for entry in config)])["size"]

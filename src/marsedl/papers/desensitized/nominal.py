@@ -86,7 +86,6 @@ def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solu
         costate=solution.costates[:, : len(entry_problem.STATES)],
         status=solution.status,
         iterations=solution.iterations,
-        worst_residual=solution.residual.value,
     )
 
 

@@ -62,7 +62,6 @@ class Nominal:
     costate: np.ndarray = quantity("SI", ("intervals", STATE), "multipliers of the equations of motion")
     status: str = quantity("1", (), "how the solver ended", "str")
     iterations: int = quantity("1", (), "iterations of the solver")
-    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
 
 
 @record

@@ -21,24 +21,23 @@ def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, no
     plant = flight.Plant(planet.gravity, segments.mass_flow(vehicle), 0.0)
     start = np.append(divert.means[0], vehicle.wet_mass)
     time, segment = segments.joined_time(divert.times)
-    passes, steered_passes, largest, integrated = [np.full(len(time), vehicle.wet_mass)], [], [], []
+    passes, steered_passes, integrated = [np.full(len(time), vehicle.wet_mass)], [], []
     feedback = design.mass_profile != "first_pass_without_feedback"
     for mass, steerings, final_state in mass_passes(divert, plant, start, feedback=feedback):
         change = np.abs(mass - passes[-1])
         passes.append(mass)
         steered_passes.append((steerings, final_state))
-        largest.append(change.max())
         integrated.append(np.trapezoid(change, time))
         if not np.isfinite(change).all() or mass.min() <= 0:
             raise MarsedlError(
-                f"pass {len(largest)} of the mass iteration burns all of the mass; the divert needs too much thrust "
+                f"pass {len(integrated)} of the mass iteration burns all of the mass; the divert needs too much thrust "
                 "for wet_mass and specific_impulse: give the segments more time or a nearer target"
             )
         if integrated[-1] < design.mass_tolerance:
             break
-        if len(largest) == design.mass_iterations:
+        if len(integrated) == design.mass_iterations:
             raise MarsedlError(
-                f"the mass iteration still changes by {integrated[-1]:.3g} kg s after {len(largest)} passes; "
+                f"the mass iteration still changes by {integrated[-1]:.3g} kg s after {len(integrated)} passes; "
                 "raise mass_iterations or mass_tolerance"
             )
     # The second pass is designed on the profile of the first; a profile that converges in one pass is its own.
@@ -49,7 +48,6 @@ def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, no
         segment=segment,
         mass=passes[number],
         mass_of_pass=np.array(passes),
-        largest_change=np.array(largest),
         integrated_change=np.array(integrated),
         mean=np.concatenate([steering.mean for steering in steerings]),
         feedforward=np.concatenate([steering.feedforward for steering in steerings]),

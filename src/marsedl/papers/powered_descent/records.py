@@ -25,7 +25,6 @@ class Nominal:
     mass_of_pass: np.ndarray = quantity(
         "kg", ("passes", "time"), "mass profile after each pass; the first is the guess"
     )
-    largest_change: np.ndarray = quantity("kg", ("changes",), "largest change of the mass in each pass")
     integrated_change: np.ndarray = quantity("kg s", ("changes",), "integral of the change of the mass in each pass")
     mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state: downrange, altitude and their rates")
     feedforward: np.ndarray = quantity("N", ("time", CONTROL), "mean thrust")
