@@ -294,7 +294,7 @@ def fig02_reshaping_evident(rows: Rows):
     banks = rows.tradeoff.state[rows.number, :, BANK]
     change = np.abs(banks - banks[0]).max(axis=1)[1:] / DEGREE
     subject = "largest departure of a bank angle of finite weight from the first row's, at the same share of the flight"
-    return holds(measure(subject, change[:-1].max(), "deg") > VISIBLE * np.ptp(banks[0]) / DEGREE)
+    return holds(measure(subject, change[:-1].max(), "deg") > VISIBLE * (np.ptp(banks[0]) / DEGREE))
 
 
 @claim(counterexample=scaled("tradeoff.error"))
