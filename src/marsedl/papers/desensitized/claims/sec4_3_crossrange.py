@@ -19,12 +19,7 @@ from marsedl.papers.desensitized.claims.measures import (
     size,
 )
 from marsedl.papers.desensitized.inputs import Mission
-from marsedl.papers.desensitized.records import (
-    CHANNELS,
-    Gains,
-    Nominal,
-    Responses,
-)
+from marsedl.papers.desensitized.records import CHANNELS, Gains, Nominal, Responses
 from marsedl.replication.claiming import claim, holds, measure, measured, provided
 from marsedl.replication.counterexamples import replaced, scaled, shifted
 from marsedl.replication.thresholds import MUCH, NEGLIGIBLE
