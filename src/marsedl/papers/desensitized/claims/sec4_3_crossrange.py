@@ -149,7 +149,7 @@ def nominal_fuel_below_msl(nominal: Nominal):
 
 
 @claim(
-    "One set of gains against all three errors leaves {left:.0f} % of the flown radius error.",
+    "One set of gains against all errors leaves {left:.0f} % of the flown radius error.",
     errata="E18",
     withheld=GAINS,
     counterexample=scaled("responses.error", at=(ALL_LAW, RADIUS, -1)),
