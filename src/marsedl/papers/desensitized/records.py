@@ -92,9 +92,7 @@ class Tradeoff:
         "rad/s^2", ("rows", "intervals"), "bank acceleration on each interval", label="bank acceleration"
     )
     column: np.ndarray = quantity(
-        COLUMN_UNIT,
-        ("rows", "node", STATE),
-        "sensitivity of the states to the radius at entry",
+        COLUMN_UNIT, ("rows", "node", STATE), "sensitivity of the states to the radius at entry"
     )
     effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "control energy J0", label="control energy $J_0$")
     cumulative: np.ndarray = quantity("rad/s", ("rows",), "integral of the absolute bank acceleration")

@@ -1,6 +1,6 @@
 """Tables 1 to 3, sensitivities and gains, the studies beside them, and what each reading gives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -81,25 +81,21 @@ def _columns(columns):
 
 def tab01(vehicle: Vehicle, published):
     """Table 1 from the inputs."""
-    rows = (
-        ("aeroshell diameter", "tab01_diameter", vehicle.aeroshell_diameter),
-        ("ballistic coefficient", "tab01_ballistic_coefficient", vehicle.ballistic_coefficient),
-        ("lift over drag", "tab01_lift_to_drag", vehicle.lift_to_drag),
-        ("roll moment of inertia", "tab01_roll_inertia", vehicle.roll_inertia),
-        ("yaw moment of inertia", "tab01_yaw_inertia", vehicle.yaw_inertia),
-        ("roll moment arm", "tab01_roll_arm", vehicle.roll_arm),
-        ("yaw moment arm", "tab01_yaw_arm", vehicle.yaw_arm),
-        ("specific impulse of the reaction control system", "tab01_specific_impulse", vehicle.specific_impulse),
-    )
-    return table(
-        [(name, published[key].unit, published[key].printed, value) for name, key, value in rows],
-        {
-            "parameter": Column(),
-            "unit": Column(meaning="of the two numbers that follow it"),
-            PAPER: Column("", "g"),
-            "here": Column("", "g"),
-        },
-    )
+    parameters = {
+        "aeroshell diameter": ("tab01_diameter", vehicle.aeroshell_diameter),
+        "ballistic coefficient": ("tab01_ballistic_coefficient", vehicle.ballistic_coefficient),
+        "lift over drag": ("tab01_lift_to_drag", vehicle.lift_to_drag),
+        "roll moment of inertia": ("tab01_roll_inertia", vehicle.roll_inertia),
+        "yaw moment of inertia": ("tab01_yaw_inertia", vehicle.yaw_inertia),
+        "roll moment arm": ("tab01_roll_arm", vehicle.roll_arm),
+        "yaw moment arm": ("tab01_yaw_arm", vehicle.yaw_arm),
+        "specific impulse of the reaction control system": ("tab01_specific_impulse", vehicle.specific_impulse),
+    }
+    rows = [
+        (name, published[claim].unit, published[claim].printed, value) for name, (claim, value) in parameters.items()
+    ]
+    unit, number = Column(meaning="of the two numbers that follow it"), Column("", "g")
+    return table(rows, {"parameter": Column(), "unit": unit, PAPER: number, "here": number})
 
 
 def tab02(mission: Mission):
@@ -121,16 +117,9 @@ def tab02(mission: Mission):
         ("velocity", "m/s", True, mission.entry_velocity, mission.final_velocity),
         *((name, unit, stated, *degrees(*values)) for name, unit, stated, *values in angles),
     ]
-    return table(
-        rows,
-        {
-            "parameter": Column(),
-            "unit": Column(meaning="of the two conditions"),
-            "stated in the paper": Column(),
-            "at the atmospheric interface": Column("", "g", "empty: free"),
-            "at parachute deployment": Column("", "g", "empty: free"),
-        },
-    )
+    names = {"parameter": Column(), "unit": Column(meaning="of the two conditions"), "stated in the paper": Column()}
+    ends = ("at the atmospheric interface", "at parachute deployment")
+    return table(rows, names | dict.fromkeys(ends, Column("", "g", "empty: free")))
 
 
 def _row_numbers(tradeoff, number):
@@ -195,9 +184,9 @@ def sensitivity_blocks(gains: Gains):
     """The block S_p of every law as lengths: final radius, crossrange and downrange against those at entry."""
     per_km = KM * gains.final
     rows = [
-        (LAW_NAMES[str(law)], channel, *per_km[number, k])
-        for number, law in enumerate(gains.law)
-        for k, channel in enumerate(CHANNELS)
+        (LAW_NAMES[str(law)], channel, *errors)
+        for law, block in zip(gains.law, per_km, strict=True)
+        for channel, errors in zip(CHANNELS, block, strict=True)
     ]
     column = Column("m per km", "z.1f", "final error per error at entry")
     columns = {f"{channel} at entry": column for channel in CHANNELS}
@@ -222,35 +211,34 @@ def gain_sets(gains: Gains, responses: Responses):
 
 def gain_responses(gains: Gains, responses: Responses):
     """Final errors under every law for errors at entry in the channels that it is for, and the bank motion."""
-    rows = []
-    for number, law in enumerate(gains.law):
-        for channel in [CHANNELS.index(law)] if law in CHANNELS else range(len(CHANNELS)):
-            rows.append(
-                (
-                    LAW_NAMES[str(law)],
-                    CHANNELS[channel],
-                    KM * np.linalg.norm(gains.final[number, :, channel]),
-                    responses.drawn_error[channel],
-                    np.linalg.norm(responses.error[number, channel, -1]),
-                    *responses.error[number, channel, -1],
-                    *np.linalg.norm(responses.tabulated_error[number, channel], axis=-1),
-                    responses.cumulative[number, channel] / DEGREE,
-                    responses.largest_command[number, channel] / DEGREE,
-                )
-            )
-    return table(
-        rows,
+    cases = [
+        (number, channel)
+        for number, law in enumerate(gains.law)
+        for channel in ([CHANNELS.index(law)] if law in CHANNELS else range(len(CHANNELS)))
+    ]
+    number, channel = np.transpose(cases)
+    final, compared = responses.error[number, channel, -1], responses.tabulated_error[number, channel]
+    sensitivity = Column("m per km", ".3f", "norm of the final position against the error at entry")
+    size = Column("m", ".5g", "for the drawn error")
+    command = Column("deg/s^2", ".4f", "with the drawn error, before its bound")
+    return _columns(
         {
-            "law": Column(),
-            "error at entry in": Column(),
-            "linear sensitivity": Column("m per km", ".3f", "norm of the final position against the error at entry"),
-            "drawn error at entry": Column("m", "g"),
-            "final position error": Column("m", ".5g", "for the drawn error"),
-            **{f"its {name}": Column("m", ".5g") for name in ERRORS},
-            **{f"final error for {error:+g} m": FINAL_ERROR for error in responses.compared_error},
-            "cumulative bank rate": Column("deg/s", ".3f", "with the drawn error"),
-            "largest commanded bank acceleration": Column("deg/s^2", ".4f", "with the drawn error, before its bound"),
-        },
+            "law": ([LAW_NAMES[str(law)] for law in gains.law[number]], Column()),
+            "error at entry in": ([CHANNELS[k] for k in channel], Column()),
+            "linear sensitivity": ([KM * np.linalg.norm(gains.final[n, :, k]) for n, k in cases], sensitivity),
+            "drawn error at entry": (responses.drawn_error[channel], Column("m", "g")),
+            "final position error": ([np.linalg.norm(error) for error in final], size),
+            **{f"its {name}": (final[:, k], Column("m", ".5g")) for k, name in enumerate(ERRORS)},
+            **{
+                f"final error for {error:+g} m": (np.linalg.norm(compared[:, k], axis=-1), FINAL_ERROR)
+                for k, error in enumerate(responses.compared_error)
+            },
+            "cumulative bank rate": (
+                responses.cumulative[number, channel] / DEGREE,
+                Column("deg/s", ".3f", "with the drawn error"),
+            ),
+            "largest commanded bank acceleration": (responses.largest_command[number, channel] / DEGREE, command),
+        }
     )
 
 
@@ -284,7 +272,7 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
                 trials,
             )
         )
-    columns = {"law": Column()}
+    columns, flown = {"law": Column()}, Column("kg", ".4f", "over the trials that are not lost")
     for channel, deviation in zip(CHANNELS, ensemble.initial_deviations, strict=True):
         error = f"{channel}: standard error"
         columns |= {
@@ -297,13 +285,11 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
         rows,
         {
             **columns,
-            "median": Column("m", ".1f", FINAL_ERROR.meaning),
-            "99th percentile": Column("m", ".1f", FINAL_ERROR.meaning),
+            **dict.fromkeys(("median", "99th percentile"), Column("m", ".1f", FINAL_ERROR.meaning)),
             "lost trials": Column(),
             "trials with a clipped command": Column("%", ".2f"),
             "propellant without errors at entry": Column("kg", ".4f"),
-            "mean propellant": Column("kg", ".4f", "over the trials that are not lost"),
-            "deviation of the propellant": Column("kg", ".4f", "over the trials that are not lost"),
+            **dict.fromkeys(("mean propellant", "deviation of the propellant"), flown),
             "trials": Column(),
         },
     )
@@ -324,7 +310,12 @@ def discretisation_errors(certificates: Certificates):
     """Both cases by every scheme on every mesh: effort, errors by the scheme and as flown, and orders."""
     study = certificates
     case, scheme, mesh = np.indices(study.mesh_status.shape).reshape(3, -1)
-    apart = np.linalg.norm(study.mesh_error - study.mesh_flown_error, axis=-1)
+
+    def error(meaning):
+        return Column("m", ".2f", meaning)
+
+    def order(of):
+        return Column("", ".2f", f"{of}from the mesh in the line above")
 
     def norms(errors):
         return np.linalg.norm(errors, axis=-1).ravel()
@@ -339,21 +330,12 @@ def discretisation_errors(certificates: Certificates):
             "intervals": (study.intervals[mesh], Column()),
             "J0": (study.mesh_effort.ravel(), Column("deg^2/s^3", ".5f", EFFORT.meaning)),
             "cumulative bank rate": (study.mesh_cumulative.ravel() / DEGREE, CUMULATIVE),
-            "final error": (norms(study.mesh_error), Column("m", ".2f", "norm, by the scheme's sensitivity")),
-            "final error by flights": (
-                norms(study.mesh_flown_error),
-                Column("m", ".2f", "norm, by differences of flights"),
-            ),
-            "their difference": (apart.ravel(), Column("m", ".3g", "norm")),
-            "order": (
-                from_second_mesh(study.error_order),
-                Column("", ".2f", "of this difference, from the mesh in the line above"),
-            ),
+            "final error": (norms(study.mesh_error), error("norm, by the scheme's sensitivity")),
+            "final error by flights": (norms(study.mesh_flown_error), error("norm, by differences of flights")),
+            "their difference": (norms(study.mesh_error - study.mesh_flown_error), Column("m", ".3g", "norm")),
+            "order": (from_second_mesh(study.error_order), order("of this difference, ")),
             "target missed": (norms(study.mesh_miss), Column("m", ".3g", "when flown again")),
-            "order of the miss": (
-                from_second_mesh(study.miss_order),
-                Column("", ".2f", "from the mesh in the line above"),
-            ),
+            "order of the miss": (from_second_mesh(study.miss_order), order("")),
             "solver": (study.mesh_status.ravel(), STATUS),
             "iterations": (study.mesh_iterations.ravel(), ITERATIONS),
         }
@@ -369,38 +351,28 @@ def bank_conditions(mission: Mission, published, branches: Branches):
     values = mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate
     is_conditioned = np.array([value is not None for value in values])
     ratios = np.column_stack([branches.set_effort / effort, branches.set_cumulative / DEGREE / cumulative])
-    distance, rows = np.linalg.norm(ratios - 1.0, axis=1), []
-    for number in np.argsort(distance):  # NaN last
-        fixed = branches.set_fixed[number]
-        rows.append(
-            (
-                *((value or 0.0) / DEGREE if is_fixed else None for value, is_fixed in zip(values, fixed, strict=True)),
-                branches.set_effort[number],
-                ratios[number, 0],
-                branches.set_cumulative[number] / DEGREE,
-                ratios[number, 1],
-                100.0 * distance[number],
-                branches.set_reversals[number] if np.isfinite(distance[number]) else None,
-                np.array_equal(fixed, is_conditioned),
-                branches.set_status[number],
-            )
-        )
-    return table(
-        rows,
+    distance = np.linalg.norm(ratios - 1.0, axis=1)
+    order = np.argsort(distance)  # NaN last
+    fixed, distance, ratios = branches.set_fixed[order], distance[order], ratios[order]
+    names = [f"{end} bank {of}" for end in ("initial", "final") for of in ("angle", "rate")]
+    free = [Column(unit, "g", "empty: free") for unit in ("deg", "deg/s")] * 2
+    conditions = {
+        name: ([(value or 0.0) / DEGREE if is_fixed else None for is_fixed in fixed[:, k]], free[k])
+        for k, (name, value) in enumerate(zip(names, values, strict=True))
+    }
+    reversals = zip(branches.set_reversals[order], np.isfinite(distance), strict=True)
+    return _columns(
         {
-            "initial bank angle": Column("deg", "g", "empty: free"),
-            "initial bank rate": Column("deg/s", "g", "empty: free"),
-            "final bank angle": Column("deg", "g", "empty: free"),
-            "final bank rate": Column("deg/s", "g", "empty: free"),
-            "J0": EFFORT,
-            "J0 over the paper's": Column("", ".4f"),
-            "cumulative bank rate": CUMULATIVE,
-            "cumulative bank rate over the paper's": Column("", ".4f"),
-            "distance": Column("%", ".2f", "of both ratios from one"),
-            "bank reversals": REVERSALS,
-            "used here": Column(),
-            "solver": STATUS,
-        },
+            **conditions,
+            "J0": (branches.set_effort[order], EFFORT),
+            "J0 over the paper's": (ratios[:, 0], Column("", ".4f")),
+            "cumulative bank rate": (branches.set_cumulative[order] / DEGREE, CUMULATIVE),
+            "cumulative bank rate over the paper's": (ratios[:, 1], Column("", ".4f")),
+            "distance": (100.0 * distance, Column("%", ".2f", "of both ratios from one")),
+            "bank reversals": ([number if is_solved else None for number, is_solved in reversals], REVERSALS),
+            "used here": ((fixed == is_conditioned).all(axis=1), Column()),
+            "solver": (branches.set_status[order], STATUS),
+        }
     )
 
 
@@ -408,6 +380,9 @@ def least_fuel(minimum_fuel: MinimumFuel):
     """Least control energy and least fuel under each bound of the bank acceleration, and how the thrust is spread."""
     study, least = minimum_fuel, SOLUTIONS.index("least fuel")
     bound, solution = np.indices(study.status.shape).reshape(2, -1)
+    over_least = study.cumulative / study.cumulative[:, [least]]
+    contradiction = Column("", ".1e", "of thrust and switching function, least fuel")
+    branch_end = Column("", ".4g", "share of the fuel in the cost where the nominal's branch ends")
 
     def counts(values):
         return [number if number >= 0 else None for number in values.ravel()]
@@ -421,24 +396,15 @@ def least_fuel(minimum_fuel: MinimumFuel):
             "bound of the bank acceleration": (study.bound[bound] / DEGREE, Column("deg/s^2", "g")),
             "J0": (study.effort.ravel(), EFFORT),
             "cumulative bank rate": (study.cumulative.ravel() / DEGREE, CUMULATIVE),
-            "cumulative bank rate over the least": (
-                (study.cumulative / study.cumulative[:, [least]]).ravel(),
-                Column("", ".4f", "under this bound"),
-            ),
+            "cumulative bank rate over the least": (over_least.ravel(), Column("", ".4f", "under this bound")),
             "fuel": (study.propellant.ravel(), FUEL),
             "final time": (study.time[..., -1].ravel(), Column("s", ".2f")),
             "bank reversals": (counts(study.reversals), REVERSALS),
             "intervals without thrust": (100.0 * study.coasting.ravel(), Column("%", ".1f")),
             "intervals at the bound": (100.0 * study.at_bound.ravel(), Column("%", ".1f")),
             "bursts of thrust": (counts(study.bursts), Column()),
-            "contradiction": (
-                of_least_fuel(study.switching_violation),
-                Column("", ".1e", "of thrust and switching function, least fuel"),
-            ),
-            "branch ends at": (
-                of_least_fuel(study.branch_share),
-                Column("", ".4g", "share of the fuel in the cost where the nominal's branch ends"),
-            ),
+            "contradiction": (of_least_fuel(study.switching_violation), contradiction),
+            "branch ends at": (of_least_fuel(study.branch_share), branch_end),
             "solver": (study.status.ravel(), STATUS),
         }
     )
@@ -477,10 +443,7 @@ def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published)
     ]
     default = readings["corrected"][0]
     for name, (inputs, records) in readings.items():
-        tradeoff, gains, responses, flights = (
-            *(records.tradeoff, records.gains),
-            *(records.responses, records.entry_errors),
-        )
+        tradeoff, gains, responses, flights = (getattr(records, field.name) for field in fields(Records))
         errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
         laws, final_norm = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
         against = [
@@ -517,12 +480,10 @@ def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published)
         "its final position error": Column("m", ".1f"),
         "largest reduction": Column("%", ".1f", "of the final position error in Table 3"),
     }
+    final_error = Column("m", ".5g", "final position error")
     for channel in CHANNELS:
-        columns |= {
-            f"{channel} at entry": Column("m", "g", "error that is flown"),
-            f"{channel}: no feedback": Column("m", ".5g", "final position error"),
-            f"{channel}: feedback": Column("m", ".5g", "final position error"),
-        }
+        columns |= {f"{channel} at entry": Column("m", "g", "error that is flown")}
+        columns |= dict.fromkeys((f"{channel}: no feedback", f"{channel}: feedback"), final_error)
     columns |= {"gains that did not converge": Column()}
     columns |= {f"lost trials: {LAW_NAMES[law]}": Column() for law in LAWS}
     return table(rows, {**columns, "trials": Column()})

@@ -218,14 +218,17 @@ class CrossrangeFlight(Flight):
     @property
     def first(self) -> float:
         """When the first phase ends, s: reversals of the nominal part the phases."""
-        if len(self.reversal_times) < 2:
-            raise Fails(f"bank reversals of the nominal: {len(self.reversal_times)}; the statement needs two")
-        return float(self.reversal_times[0])
+        return float(self._two_reversals()[0])
 
     @property
     def second(self) -> float:
         """When the second phase ends, s."""
-        return float(self.reversal_times[-1])
+        return float(self._two_reversals()[-1])
+
+    def _two_reversals(self):
+        if len(self.reversal_times) < 2:
+            raise Fails(f"bank reversals of the nominal: {len(self.reversal_times)}; the statement needs two")
+        return self.reversal_times
 
 
 class DownrangeFlight(Flight):

@@ -2,16 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.desensitized.claims.measures import (
-    BRANCH,
-    ENDS,
-    PLANET,
-    SCHEME,
-    UNITS,
-    Rows,
-    printed_rows,
-    size,
-)
+from marsedl.papers.desensitized.claims.measures import BRANCH, ENDS, PLANET, SCHEME, UNITS, Rows, printed_rows, size
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
 from marsedl.papers.desensitized.inputs import Mission, Studies
 from marsedl.papers.desensitized.records import Branches, Certificates
@@ -37,10 +28,7 @@ ROUNDED = (
 )
 
 
-@claim(
-    "No solver takes an infinite weight; {largest:.0e} stands for it.",
-    errata="E8 E11",
-)
+@claim("No solver takes an infinite weight; {largest:.0e} stands for it.", errata="E8 E11")
 def c1_values(rows: Rows, published: dict):
     printed_count = len(published["c1_values"].printed)
     if len(rows.weight) != printed_count:
@@ -119,10 +107,7 @@ def table_3(rows: Rows, published: dict, certificates: Certificates | None = Non
     )
 
 
-@claim(
-    "It grows with the weight, from {low[0]:.0f} to {value[0]:.0f} deg^2/s^3; the error stays.",
-    errata="E11",
-)
+@claim("It grows with the weight, from {low[0]:.0f} to {value[0]:.0f} deg^2/s^3; the error stays.", errata="E11")
 def tab03_cinf_effort(rows: Rows):
     low = [rows.limits("effort")[0], rows.limits("cumulative")[0] / DEGREE, rows.limits("propellant")[0]]
     value = [rows.effort[-1], rows.cumulative[-1], rows.propellant[-1]]
@@ -215,10 +200,7 @@ def error_decreases_with_c1(rows: Rows):
     return holds(measure("change of the final position error from row to row", np.diff(rows.error), "m") < 0.0)
 
 
-@claim(
-    "Rows are chosen for it; where the branch ends it falls to {beyond:.4f} deg^2/s^3.",
-    errata="E6 E8",
-)
+@claim("Rows are chosen for it; where the branch ends it falls to {beyond:.4f} deg^2/s^3.", errata="E6 E8")
 def j0_increases_with_c1(rows: Rows):
     folds = rows.tradeoff.fold_effort
     return holds(
@@ -294,7 +276,7 @@ def fig02_reshaping_evident(rows: Rows):
     banks = rows.tradeoff.state[rows.number, :, BANK]
     change = np.abs(banks - banks[0]).max(axis=1)[1:] / DEGREE
     subject = "largest departure of a bank angle of finite weight from the first row's, at the same share of the flight"
-    return holds(measure(subject, change[:-1].max(), "deg") > VISIBLE * np.ptp(banks[0]) / DEGREE)
+    return holds(measure(subject, change[:-1].max(), "deg") > VISIBLE * (np.ptp(banks[0]) / DEGREE))
 
 
 @claim(counterexample=scaled("tradeoff.error"))

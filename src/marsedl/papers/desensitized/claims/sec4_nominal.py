@@ -13,7 +13,7 @@ def node_count(solver: Solver):
 
 
 @claim(
-    "This is the local minimum that the paper describes. The one with a single reversal has less control energy.",
+    "The paper describes this local minimum; the one with one reversal has less control energy.",
     errata="E6",
     by_construction="we refuse a nominal with other reversals than solver.nominal_reversals",
 )
