@@ -17,6 +17,7 @@ from marsedl.papers.desensitized.claims.measures import (
     size,
 )
 from marsedl.papers.desensitized.entry_problem import BANK
+from marsedl.papers.desensitized.inputs import Planet
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Linearization, Responses
 from marsedl.replication.claiming import claim, holds, measure, measured
 from marsedl.replication.counterexamples import replaced, scaled, shifted
@@ -29,9 +30,10 @@ class Flights(dict):
     """The flights of the figures by channel."""
 
 
-def flights(radius: RadiusFlight, crossrange: CrossrangeFlight, downrange: DownrangeFlight) -> Flights:
+def flights(planet: Planet, gains: Gains, responses: Responses) -> Flights:
     """Gather the flights of all channels."""
-    return Flights({flight.channel: flight for flight in (radius, crossrange, downrange)})
+    kinds = (RadiusFlight, CrossrangeFlight, DownrangeFlight)
+    return Flights({flight.channel: flight(planet, gains, responses) for flight in kinds})
 
 
 def bank_phase(name, channel, sign, phase, side=0, **declared):
