@@ -4,7 +4,6 @@ Expected numbers are those of an independent study of the paper; a tolerance of 
 other reason is stated. That study took the natural cubic spline of ln density, the readings take the monotone one.
 """
 
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -767,15 +766,3 @@ def test_the_true_field_violates_a_little_more_than_allotted(random_field):
     frequency = beyond / 40_000
     assert 2.5e-3 < frequency < 4e-3
     assert frequency == pytest.approx(3.38e-3, abs=4.0 * np.sqrt(2.0) * 2.9e-4)
-
-
-def test_lines_that_the_start_violates_are_named(random_field):
-    """At the first node no control helps: mean and 3.00 standard deviations of either line."""
-    deviations = np.array([0.05, 0.1])
-    with pytest.raises(MarsedlError) as error:
-        random_field.double_integrator("corrected", double_integrator_initial_three_sigma=deviations)
-    message = str(error.value)
-    for line, normal in ((1, (0.212766, 8.51064)), (2, (0.30303, -12.1212))):
-        reached = re.search(rf"line {line} at step 0: .*?probability 0.00135 \D*?(-?[\d.]+)", message).group(1)
-        spread = ndtri(1.0 - 0.00135) * np.linalg.norm(normal * deviations / 3.0)
-        assert float(reached) == pytest.approx(np.dot(normal, [0.1, 0.1]) + spread, rel=1e-4)

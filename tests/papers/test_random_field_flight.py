@@ -481,24 +481,3 @@ def test_a_point_alone_is_that_of_the_block(root, point_law, first):
         assert_identical(fly_point(point_law, root, initial), block)
     finally:
         numba.set_num_threads(before)
-
-
-def test_points_that_are_not_finite_are_counted(root, point_law):
-    initial = initial_points(70)
-    healthy = fly_point(point_law, root, initial)
-    initial[5, 0], initial[66, 1] = np.nan, np.inf
-    trajectories = fly_point(point_law, root, initial)
-    np.testing.assert_array_equal(np.flatnonzero(trajectories.outcome == NON_FINITE), [5, 66])
-    unspoiled = np.delete(np.arange(70), [5, 66])
-    np.testing.assert_array_equal(trajectories.history[..., unspoiled], healthy.history[..., unspoiled])
-
-
-def test_points_that_do_not_fit_are_refused(root, point_law):
-    with pytest.raises(ValueError, match=r"initial_states must have shape \(trials, 2\)"):
-        fly_point(point_law, root, np.zeros((3, 3)))
-    with pytest.raises(ValueError, match="field_root must have a row per node"):
-        fly_point(point_law, root[:-1], np.zeros((3, 2)))
-    with pytest.raises(ValueError, match="field_grid must be a uniform ascending grid"):
-        fly_point(point_law, root, np.zeros((3, 2)), GRID[::-1])
-    with pytest.raises(ValueError, match="no whole number of steps"):
-        fly_point(point_law, root, np.zeros((3, 2)), time_step=0.03)

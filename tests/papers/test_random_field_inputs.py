@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.random_field import gains
 from marsedl.papers.random_field.inputs import MODEL
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import load_study
@@ -114,11 +113,3 @@ def test_a_trajectory_that_leaves_the_density_table_is_refused(random_field):
         nominal = random_field.nominal(reading, density_beyond_table="continue", **changes)
         assert np.interp(time, nominal.time, nominal.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
     assert random_field.nominal("tf_500").altitude[-1] == pytest.approx(200e3, abs=10e3)
-
-
-def test_a_nominal_of_the_iteration_that_leaves_the_density_table_is_refused(random_field):
-    """The iteration flies by itself: here in a table that ends below the guess's 127.4 km."""
-    table = random_field.stage_inputs("corrected", "gains").density_table
-    inputs = random_field.stage_inputs("corrected", "gains", density_table=table[table[:, 0] <= 126e3])
-    with pytest.raises(MarsedlError, match=r"leaves the density table \(0 to 126 km\) at 39\d.*density_beyond_table"):
-        inputs.call(gains.compute, random_field.nominal(), random_field.linearization())

@@ -41,12 +41,6 @@ def nodes_of(ensemble, partition):
     return np.searchsorted(ensemble.time, partition)
 
 
-def deviations(ensemble, law, partition):
-    """Standard deviations of altitude (km), velocity (m/s) and path angle (deg) at the nodes, (nodes, 3)."""
-    covariance = ensemble.covariance[law][nodes_of(ensemble, partition)]
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, MOTION] / UNITS
-
-
 # --- delta-v ----------------------------------------------------------------------------------------------------------
 
 PERCENTILES = {  # of the laws of all iterations, with standard errors
