@@ -223,23 +223,6 @@ def test_table_of_equation_54(pipeline, published):
     assert tests["degrees of freedom"].tolist() == [10, 6] and set(tests["trials"]) == {20_000}
 
 
-def test_table_of_readings(pipeline, published):
-    large = {name: pipeline.artifacts(name, large=name == "corrected") for name in READINGS}
-    whole = tables.readings(pipeline.of_readings(tables.Records, large), published)
-    # Rows of equal trials stand together.
-    assert whole["reading"].tolist() == [*READINGS, "corrected"]
-    assert whole["trials"].tolist() == [2000] * 3 + [20_000]
-    table = whole.iloc[:3].set_index("reading")
-    corrected, printed, target4 = (table.loc[name] for name in ("corrected", "printed", "target4"))
-    noise = ["design noise (N sqrt(s))", "plant noise (N sqrt(s))"]
-    assert corrected[noise].tolist() == [360.0, 360.0]
-    assert printed[noise].tolist() == pytest.approx([50 / np.sqrt(50), 0.02])
-    assert corrected["prior final mass (kg)"] == pytest.approx(1349.445, abs=5e-4)
-    assert (corrected["target var r1 (m^2)"], target4["target var r1 (m^2)"]) == (5.0, 4.0)
-    assert corrected["p"] < 1e-3 < 0.01 < target4["p"]
-    assert 0.83 < corrected["largest thrust over the maximum"] < 0.88
-
-
 def test_tables_of_choices(pipeline, published):
     choices = pipeline.choices()
     masses = tables.choices_of_mass(published, choices)

@@ -21,10 +21,7 @@ NODES = [0.0, 50.0, *np.arange(75.0, 351.0, 25.0), 400.0]
     ("nodes", "longest", "steps"),
     [
         (NODES, 2.5, 5),
-        ([0.0, 400.0], 2.5, 5),
-        (NODES, 30.0, 50),
         ([0.0, 51.0, 400.0], 2.5, 2),
-        ([0.0, 0.5, 1.0], 9.0, 1),
     ],
 )
 def test_stored_states_meet_all_nodes(nodes, longest, steps):

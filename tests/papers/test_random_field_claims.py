@@ -1,6 +1,5 @@
 """Claims and tables of the random-field paper: everything printed has its evaluator, verdicts follow the numbers."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +14,8 @@ from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.records import CRASHED, VARIANTS, Convergence
 from marsedl.replication.artifacts import quantities
 from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import COUNTED_VERDICTS, collect, judge, write_claims
-from marsedl.replication.tables import csv_text, printed_cells
+from marsedl.replication.claims import COUNTED_VERDICTS, collect, judge
+from marsedl.replication.tables import csv_text
 
 PAPER = catalogue("random_field")
 
@@ -149,7 +148,7 @@ def test_all_inputs_are_used_as_stated_by_the_printed_reading(rows):
     assert not_as_stated == {"acap_sigma2_max", "acap_partition", "acap_p_f"}
 
 
-def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
+def test_the_printed_reading_fails_visibly(rows, evaluations):
     printed = evaluations["printed"]
     assert np.isnan(printed["acap_dv_p99_closed"].value)
     assert "node 17 is 450 and node 18 is 400" in printed["acap_dv_p99_closed"].evidence
@@ -158,9 +157,6 @@ def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
         assert rows[name]["readings"]["printed"]["verdict"] == "differs"
     for name in ("acap_max_variance_above_h_trans", "acap_end_steps_longer", "acap_control_saturated"):
         assert rows[name]["readings"]["printed"]["verdict"] == "fails", name
-    write_claims(rows.values(), tmp_path / "claims.json")
-    written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
-    assert written["acap_dv_p99_closed"]["readings"]["printed"]["value"] is None
 
 
 def test_other_readings_do_what_the_reasons_say(rows):
@@ -206,7 +202,7 @@ def with_lost(ensemble, law, count):
     return replace(ensemble, delta_v=delta_v, outcome=outcome)
 
 
-@pytest.mark.parametrize("count", [0, 20, 49])
+@pytest.mark.parametrize("count", [0, 49])
 def test_lost_trials_count_as_worse_than_any(random_field, count):
     ensemble = with_lost(artifacts(random_field, "corrected")["aerocapture"], LAST, count)
     evaluation = evaluate(random_field, aerocapture=ensemble)["acap_dv_p99_closed"]
@@ -227,16 +223,6 @@ def test_a_percentile_among_lost_trials_does_not_exist(random_field, random_fiel
         # Statements about the distribution of the trials are not met by those that are left.
         for statement in ("acap_abs_value_error_source", "acap_lc_mismatch_iteration_2", "acap_lc_approximates_dv"):
             assert new_evaluations[statement].value is False, statement
-
-
-def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_published):
-    ensemble = artifacts(random_field, "corrected")["aerocapture"]
-    for law, name, printed in ((0, "acap_dv_p99_open", 717.0), (LAST, "acap_dv_p99_closed", 314.0)):
-        percentile = np.quantile(ensemble.delta_v[law], 0.99)
-        moved = ensemble.delta_v.copy()
-        moved[law] += printed - percentile
-        evaluation = evaluate(random_field, aerocapture=replace(ensemble, delta_v=moved))[name]
-        assert judge(random_field_published[name], evaluation).verdict == "reproduced"
 
 
 def test_distances_of_distributions_and_tails():
@@ -284,11 +270,11 @@ def without_solution(record):
     return replace(record, **missing)
 
 
-@pytest.mark.parametrize("case", ["last law", "open loop", "all laws", "no law", "no solutions"])
+@pytest.mark.parametrize("case", ["open loop", "all laws", "no law", "no solutions"])
 def test_claims_and_tables_cope_with_what_is_lost(random_field, random_field_published, case):
     """Cells are empty, and no claim takes the others with it."""
     records = artifacts(random_field, "corrected")
-    laws = {"last law": [LAST], "open loop": [0], "all laws": slice(None)}.get(case)
+    laws = {"open loop": [0], "all laws": slice(None)}.get(case)
     if laws is not None:
         records["aerocapture"] = lost(records["aerocapture"], laws)
     elif case == "no law":
@@ -389,15 +375,6 @@ def test_a_cycle_is_no_steady_descent(random_field):
         assert new_evaluations["acap_p99_decreases_each_iteration"].value is met, shifts
 
 
-def test_control_that_falls_in_between_does_not_rise_from_iteration_to_iteration(random_field):
-    gains = artifacts(random_field, "corrected")["gains"]
-    control = gains.control[[0, 2, 1, 3]]
-    new_evaluations = evaluate(random_field, gains=replace(gains, control=control))
-    assert (
-        new_evaluations["acap_lift_up_early"].value is False and new_evaluations["acap_lift_down_late"].value is False
-    )
-
-
 def test_few_violations_more_are_not_told_from_what_is_allotted(random_field, random_field_published):
     records, printed = artifacts(random_field, "corrected"), random_field_published["acap_control_within_bounds"]
     verdicts = {}
@@ -438,37 +415,6 @@ def table(random_field, published, stem, reading="corrected", **replaced):
     return product
 
 
-def test_iterations_beside_the_paper(random_field, random_field_published, evaluations):
-    frame = table(random_field, random_field_published, "iterations")
-    assert frame["law"].tolist() == ["open loop", "iteration 1", "iteration 2", "iteration 3"]
-    assert frame["99th percentile in the paper (m/s)"].fillna(0).tolist() == [717, 0, 0, 314]
-    last, evaluation = frame.iloc[-1], evaluations["corrected"]["acap_dv_p99_closed"]
-    assert last["99th percentile (m/s)"] == evaluation.value
-    assert last["99th percentile: standard error (m/s)"] == evaluation.standard_error
-    worst = evaluations["corrected"]["acap_control_within_bounds"].numbers["worst"]
-    assert last["beyond the control limits at the worst step (%)"] == pytest.approx(worst, rel=1e-12)
-    floored = artifacts(random_field, "corrected")["aerocapture"].final_state[LAST, :, 3] > 0
-    assert last["trials at the density's floor"] == floored.sum() > 0
-    assert frame["allotted per step (%)"].tolist() == pytest.approx([0.27] * 4)
-    assert len(table(random_field, random_field_published, "iterations", "printed")) == 1
-    lost = table(random_field, random_field_published, "iterations", "literal_gains")
-    assert lost["99th percentile (m/s)"].isna().tolist() == [False, True, True, True]
-    assert [row[5] for row in printed_cells(lost)[2:]] == ["–"] * 3
-
-
-def test_state_deviations_are_those_of_the_trials(random_field, random_field_published):
-    frame = table(random_field, random_field_published, "state_deviations")
-    records = artifacts(random_field, "corrected")
-    laws = {law: rows.reset_index(drop=True) for law, rows in frame.groupby("law")}
-    assert all(rows["t (s)"].tolist() == list(records["gains"].partition[1:]) for rows in laws.values())
-    index = int(np.flatnonzero(records["aerocapture"].time == laws["iteration 3"]["t (s)"][5])[0])
-    flown_deviation = np.sqrt(records["aerocapture"].covariance[LAST, index, 1, 1])
-    assert laws["iteration 3"]["v flown (m/s)"][5] == pytest.approx(flown_deviation, rel=1e-3)
-    predicted = np.degrees(np.sqrt(records["gains"].covariance[0, 6, 2, 2]))
-    assert laws["open loop"]["gamma predicted (deg)"][5] == pytest.approx(predicted, rel=1e-9)
-    assert len(table(random_field, random_field_published, "state_deviations", "printed")) == 1
-
-
 def test_violations_per_step(random_field, random_field_published):
     frame = table(random_field, random_field_published, "control_violations")
     assert len(frame) == 3 * 14
@@ -483,37 +429,6 @@ def test_violations_per_step(random_field, random_field_published):
     assert "more" in set(table(random_field, random_field_published, "control_violations", "metres")[against])
 
 
-def test_double_integrator_tables(random_field, random_field_published):
-    design = random_field.stage("double_integrator", "corrected")
-    cost = table(random_field, random_field_published, "double_integrator_cost")
-    assert cost["cost"].tolist() == pytest.approx([6.7213e-6], rel=1e-4)
-    rows = table(random_field, random_field_published, "double_integrator").set_index(["law", "t"])
-    last = rows.loc[("feedback", 5.0)]
-    assert last["deviation of r, predicted"] == pytest.approx(0.05 / 3, abs=2e-6)
-    assert last["ellipse beyond line 1"] == design.support[1, 5, 0]
-    assert np.isnan(last["mean control"]) and rows.loc[("feedback", 0.0), "mean control"] == design.control[1, 0]
-    rows = table(random_field, random_field_published, "double_integrator_violations")
-    assert len(rows) == 2 * 6 * 3
-    rows = rows.set_index(["law", "t", "beyond"])
-    last = rows.loc[("feedback", 5.0, "line 1")]
-    assert last["predicted (%)"] == pytest.approx(0.135, abs=2e-3)  # the constraint is active
-    assert last["constrained"]
-    assert rows.loc[("open loop", 5.0, "either line"), "all trials against what is allotted"] == "more"
-    left_out = table(random_field, random_field_published, "double_integrator_violations", "cc_to_4")
-    left_out = left_out[(left_out["law"] == "feedback") & (left_out["t"] == 5)]
-    assert set(left_out["all trials against what is allotted"]) == {"more"} and not left_out["constrained"].any()
-
-
-def test_tables_of_the_studies(random_field, random_field_published):
-    frame = table(random_field, random_field_published, "convergence_history")
-    assert len(frame) == 3 * 5
-    ends = frame.groupby("variant", sort=False).last()
-    assert ends["end of the iteration"].tolist() == ["cycling", "converged", "stopped"]
-    assert ends["period of the cycle"].tolist() == [2, 1, 0]
-    frame = table(random_field, random_field_published, "certificates")
-    assert frame["other solver"].tolist() == ["SCS"] and frame["other solver: difference of the cost"][0] < 1e-6
-
-
 def test_summaries_over_readings(random_field, random_field_published):
     chosen = ("corrected", "printed", "literal_gains", "metres", "doc_fit")
     records_by_reading = random_field.of_readings(
@@ -524,13 +439,8 @@ def test_summaries_over_readings(random_field, random_field_published):
     assert summary.iloc[0][["open loop: 99th percentile (m/s)", "last iteration: 99th percentile (m/s)"]].tolist() == [
         *(717, 314)
     ]
-    printed = summary.loc["printed"]
-    assert printed["why there is no law"].startswith("the partition does not increase")
-    assert printed["end of the iteration"] == "refused" and np.isnan(printed["mean control"])
     summary = tables.readings_laws(records_by_reading, random_field_published)
     assert summary["reading"].value_counts().to_dict() == {**dict.fromkeys(chosen, 4), "printed": 1}
-    literal = summary[(summary["reading"] == "literal_gains") & (summary["law"] != "open loop")]
-    assert literal["99th percentile (m/s)"].isna().all()
     summary = tables.densities(records_by_reading, random_field_published)
     # Only what differs in nothing but the density.
     assert summary["nominal density"].tolist() == ["in the paper", "corrected", "doc_fit"]

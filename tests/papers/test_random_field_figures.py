@@ -1,25 +1,20 @@
 """The figures of the random-field paper hold the right curves; nothing here looks at pixels."""
 
 import inspect
-import re
-from dataclasses import replace
-from itertools import pairwise
 from math import erf
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import same_color
-from mpl_toolkits.mplot3d import proj3d
 
-from marsedl.models import orbits
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
 from marsedl.papers.random_field import environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
 
@@ -69,28 +64,12 @@ def curves(axes, color=None, style=None, least=3):
     ]
 
 
-def labels(figure):
-    """All labels of a figure's legends."""
-    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-    return [text.get_text() for legend in legends for text in legend.get_texts()]
-
-
 def band(axes, along=0):
     """Lower and upper edge of the filled band against its coordinate: three arrays."""
     points = axes.collections[0].get_paths()[0].vertices
     places = np.unique(points[:, along])
     edges = [points[points[:, along] == place, 1 - along] for place in places]
     return places, np.array([edge.min() for edge in edges]), np.array([edge.max() for edge in edges])
-
-
-def arrows(axes):
-    """Vectors of the arrows of a sketch, by colour."""
-    vector_of_color = {}
-    for text in axes.texts:
-        patch = getattr(text, "arrow_patch", None)
-        if patch:
-            vector_of_color[patch.get_edgecolor()] = np.array(text.xy) - np.array(text.xyann)
-    return lambda color: next(vector for edge_color, vector in vector_of_color.items() if same_color(edge_color, color))
 
 
 @pytest.mark.parametrize("stem", sorted(set(catalogue("random_field").figures) - {"convergence"}))
@@ -133,18 +112,12 @@ def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
     inputs = inputs_of("fig02")
     before, after = draw("fig02").axes
     for axes, is_conditioned in ((before, False), (after, True)):
-        ends = []
         for line in axes.lines:
             x, y, z = line.get_data_3d()
             assert (x == inputs.example_extent).all() or (y == inputs.example_extent).all()
             assert (np.ptp(z) < 1e-3) == is_conditioned
             if is_conditioned:
                 np.testing.assert_allclose(z, inputs.example_edge, atol=1e-4)
-            ends += [(x[0], y[0], z[0]), (x[-1], y[-1], z[-1])]
-        # On paper, both edges run into the corner that is furthest to the right.
-        across = [proj3d.proj_transform(*end, axes.get_proj())[0] for end in ends]
-        assert np.argmax(across) in (1, 3) and across[1] == pytest.approx(across[3])
-        assert min(across[1] - across[0], across[3] - across[2]) > 0.02
 
 
 def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeypatch):
@@ -162,10 +135,7 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
 
 def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field):
     nominal = random_field.nominal()
-    field, path, legend, process = draw("fig03").axes
-    assert [text.get_text() for text in legend.get_legend().get_texts()] == [
-        *("first sample", "second sample", "third sample", "nominal path", "every 50 s of the path")
-    ]
+    field, path, _, process = draw("fig03").axes
     (nominal_curve,) = curves(path, BLACK, "-")
     np.testing.assert_allclose(nominal_curve.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
     for color in (BLUE, ORANGE, GREEN):
@@ -191,17 +161,6 @@ def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
     distance = 1.2 * max(np.abs(line.get_xdata()).max() for line in samples)
     for number, (line, sample) in enumerate(zip(curves(apart, BLUE), samples, strict=True), start=1):
         np.testing.assert_allclose((line.get_xdata() - number) * distance, sample.get_xdata(), atol=1e-9)
-
-
-def test_fig09_density_goes_through_the_table(draw, inputs_of):
-    (axes,) = draw("fig09").axes
-    (line,), (nodes,) = curves(axes, BLUE), curves(axes, ORANGE, "None")
-    table = np.asarray(inputs_of("fig09").density_table)
-    in_range = table[:, 0] <= 125e3
-    np.testing.assert_allclose(nodes.get_xydata(), table[in_range][:, ::-1] * [1.0, 1e-3])
-    at_nodes = np.interp(nodes.get_ydata(), line.get_ydata(), line.get_xdata())
-    np.testing.assert_allclose(at_nodes, nodes.get_xdata(), rtol=1e-6)
-    assert axes.get_xscale() == "log" and axes.get_ylim() == (0, 125)
 
 
 # --- double integrator ------------------------------------------------------------------------------------------------
@@ -251,25 +210,6 @@ def test_fig05_ellipses_hold_the_stated_probability(draw, random_field, law):
     assert (support > 1e-3).all()  # the last ellipse protrudes, with and without feedback
 
 
-def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field):
-    figure = draw("fig05")
-    flights = random_field.stage("double_integrator_flights", "corrected")
-    for law, axes in enumerate(figure.axes):
-        upper, lower = (line.get_xydata() for line in curves(axes, VERMILION, "--", least=2))
-        for line, normal, bound in ((upper, [0.212766, 8.51064], 1.0), (lower, [0.30303, -12.1212], -1.0)):
-            np.testing.assert_allclose(line @ normal, bound, rtol=1e-9)
-            np.testing.assert_allclose(line[0], [0.7, 0.1], atol=1e-5)
-            assert line[1, 0] < 0.1  # to the left of all that is drawn, where the region is wide
-        trials = [line.get_xydata() for line in curves(axes, SKY)]
-        assert len(trials) == DRAWN
-        np.testing.assert_array_equal(trials[3], flights.kept_history[law, 3, :, :2])
-        for points in (*trials, upper, lower, *ellipses(axes, BLACK, "--"), *ellipses(axes, GREY, "-")):
-            for values, (least, largest) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
-                assert least < values.min() and values.max() < largest
-    assert figure.axes[0].get_title() == "open loop" and figure.axes[1].get_title() == "closed loop"
-    assert "99.73 % ellipse, 2,000 flights" in labels(figure)
-
-
 @pytest.mark.parametrize("normals", [[(0.0, 1.0), (0.0, -1.0)], [(1.0, 0.0), (1.0, 0.0)], [(1.0, 0.0), (0.0, 1.0)]])
 def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
     first, second = map(np.array, normals)
@@ -284,57 +224,9 @@ def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
             assert ((line @ [first, second]) <= np.array([1.0, -1.0]) + 1e-12).all()
 
 
-# --- sketches ---------------------------------------------------------------------------------------------------------
-
-
-def polar(line):
-    points = line.get_xydata()
-    return np.hypot(*points.T), np.unwrap(np.arctan2(-points[:, 1], points[:, 0]))
-
-
-def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field):
-    whole, close = draw("fig06").axes
-    nominal = random_field.nominal()
-    edge = 1 + 125 / 3397
-    radii = [np.hypot(*patch.get_xy().T) for patch in whole.patches]
-    np.testing.assert_allclose([r.min() for r in radii], [edge, 1.0])
-    np.testing.assert_allclose([r.max() for r in radii], [edge, 1.0])
-    (approach, _), (flight, flown_angle), (coast, _), (second, _), (target, _) = (
-        polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE, BLUE, GREEN)
-    )
-    exit_apoapsis = flight[-1] + 0.8 * (5 - flight[-1])
-    np.testing.assert_allclose([target.min(), target.max(), second.min(), coast.max()], [2, 5, 2, exit_apoapsis])
-    np.testing.assert_allclose(second[[0, -1]], [exit_apoapsis, 2.0])
-    np.testing.assert_allclose(flight, 1 + nominal.altitude / 3397e3)
-    assert flight[0] == pytest.approx(edge) and approach.max() == pytest.approx(5.0, abs=0.01)
-    points = [curves(whole, color, "-")[0].get_xydata() for color in (GREY, VERMILION, ORANGE, BLUE)]
-    for earlier, later in pairwise(points):
-        np.testing.assert_allclose(earlier[-1], later[0], atol=1e-9)
-    (below,) = curves(close, VERMILION, least=100)
-    np.testing.assert_allclose(below.get_ydata(), nominal.altitude / 1e3)
-    np.testing.assert_allclose(below.get_xdata(), (flown_angle - flown_angle[0]) * 3397, atol=1e-6)
-
-
-def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
-    (axes,) = draw("fig07").axes
-    vector = arrows(axes)
-    velocity, lift, drag = vector(BLUE), vector(GREEN), vector(VERMILION)
-    assert lift @ velocity == pytest.approx(0.0, abs=1e-12) and lift[1] > 0
-    assert drag @ velocity == pytest.approx(-np.linalg.norm(drag) * np.linalg.norm(velocity))
-    arc = next(line.get_xydata() for line in curves(axes, BLACK, "-", least=30)) - [0.0, 1.0]
-    assert arc[0, 1] == 0.0  # from the local horizontal to the velocity
-    assert np.arctan2(*arc[-1, ::-1]) == pytest.approx(np.arctan2(*velocity[::-1]))
-    assert {"$r$", "$v$", r"$\gamma$", "$L$", "$D$"} <= {text.get_text() for text in axes.texts}
-
-
 # --- flights of the aerocapture ---------------------------------------------------------------------------------------
 
 LAWS = 4  # open loop and three iterations
-
-
-def text_of(axes):
-    """Everything that is written in a panel, on one line."""
-    return " ".join(" ".join(text.get_text() for text in axes.texts).split())
 
 
 def bars(container):
@@ -343,47 +235,15 @@ def bars(container):
     return np.array([segment[:, 1] if len(segment) else [np.nan, np.nan] for segment in segments])
 
 
-def test_fig11_shows_the_guess_dashed_and_the_last_iteration_solid(draw, random_field):
-    panels, gains = draw("fig11").axes, random_field.gains()
-    for axes in panels[:2]:
-        (guess,), (last,) = curves(axes, BLACK, "--"), curves(axes, VERMILION, "-")
-        np.testing.assert_allclose(guess.get_ydata(), gains.altitude[0] / 1e3)
-        np.testing.assert_allclose(last.get_ydata(), gains.altitude[-1] / 1e3)
-    np.testing.assert_allclose(curves(panels[1], VERMILION)[0].get_xdata(), gains.velocity[-1] / 1e3)
-    for axes, values in ((panels[2], gains.altitude / 1e3), (panels[3], gains.velocity)):
-        lines = [line for line in curves(axes) if not same_color(line.get_color(), BLACK)]
-        assert len(lines) == LAWS - 1
-        for number, line in enumerate(lines, start=1):
-            np.testing.assert_allclose(line.get_ydata() + values[0], values[number])
-    assert any(f"lowest {gains.altitude[0].min() / 1e3:.2f} km" in label for label in labels(draw("fig11")))
-
-
-def test_a_reading_without_laws_says_why(draw):
-    reason = "the partition does not increase: node 17 is 450 and node 18 is 400"
-    for stem, panels in (("fig11", slice(2, 4)), ("fig13", slice(0, 1))):
-        for axes in draw(stem, "printed").axes[panels]:
-            assert reason in text_of(axes)
-    for stem in ("fig14", "fig15"):
-        assert reason in draw(stem, "printed").axes[0].get_title()
-    assert len(draw("fig12", "printed").axes) == len(draw("fig16", "printed").axes) == 1
-    assert "too many lost" in text_of(draw("fig12", "printed").axes[0])
-
-
-def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field, inputs_of):
+def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field):
     for reading, laws in (("corrected", LAWS), ("printed", 1)):
         ensemble, panels = random_field.ensemble(reading), draw("fig12", reading).axes
         assert len(panels) == laws
         for number, axes in enumerate(panels):
             delta_v = ensemble.delta_v[number]
             (values, edges, _) = axes.patches[0].get_data()
-            assert tuple(axes.get_xlim()) == pytest.approx((edges[0], edges[-1]))
-            if number:
-                assert tuple(axes.get_xlim()) == (200.0, 400.0)
             inside = np.isfinite(delta_v) & (delta_v >= edges[0]) & (delta_v <= edges[-1])
             assert (values * np.diff(edges)).sum() == pytest.approx(inside.mean())
-            lost = np.isnan(delta_v).sum()
-            assert (f"{lost:,} lost" in text_of(axes)) == (lost > 0)
-    assert tuple(inputs_of("fig12").delta_v_window) == (200.0, 400.0)
 
 
 def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
@@ -397,14 +257,9 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
         assert np.trapezoid(height, value) == pytest.approx(inside, rel=1e-3)
         (sampled,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
         assert sampled.get_xdata()[0] == delta_v_percentile(ensemble, number)[0]
-        middle = sum(axes.get_xlim()) / 2
-        for line in (sampled, predicted):  # not across the remarks
-            assert line.get_ydata()[1] == (0.6 if line.get_xdata()[0] > middle else 1.0)
         # The 99th percentile of a normal distribution, by its own distribution function.
         score = (predicted.get_xdata()[0] - gains.delta_v_mean[number]) / gains.delta_v_deviation[number]
         assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)
-        window = [line.get_xdata()[0] for line in curves(axes, BLACK, "--", least=2)]
-        assert window == ([200.0, 400.0] if number == 0 else [])
 
 
 def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_field):
@@ -419,16 +274,6 @@ def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_f
         assert np.abs(bars(container)).max() == pytest.approx(1.0, abs=1e-3)  # active, and never violated
         places = np.array([segment[0, 0] for segment in container.lines[2][0].get_segments()])
         assert ((places > gains.partition[:-1]) & (places < gains.partition[1:])).all()
-    (peak,) = curves(axes, GREY, ":", least=2)
-    assert peak.get_xdata()[0] == random_field.nominal().time_of_largest_dynamic_pressure
-
-
-def test_more_iterations_than_fit_show_the_first_and_the_last(random_field):
-    gains = random_field.gains()
-    many = replace(gains, control=np.zeros((9, 14)))
-    assert [number for number, _ in figures._iterations(many)] == [1, 2, 3, 8]
-    assert [number for number, _ in figures._iterations(gains)] == [1, 2, 3]
-    assert figures._ends(random_field.gains("printed")) == [(0, "open loop")]
 
 
 STATES = (("altitude", 0, 1e3), ("velocity", 1, 1.0), ("flight_path_angle", 2, np.pi / 180))
@@ -466,21 +311,7 @@ def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, 
         np.testing.assert_array_equal(line.get_xdata(), gains.partition[:-1])
         np.testing.assert_allclose(line.get_ydata(), mean + sign * 3 * deviation)
     assert all(line.get_drawstyle() == "steps-post" for line in curves(control, GREY, least=50))
-    assert sorted(line.get_ydata()[0] for line in curves(control, BLACK, "--", least=2)) == [-1.0, 1.0]
     np.testing.assert_allclose(np.diff(bars(control.containers[0]))[:, 0], 6 * gains.control_deviation[number])
-    assert control.get_ylim() == (-1.6, 1.6)
-
-
-def test_errors_that_leave_the_axes_are_stated(draw, random_field):
-    ensemble = random_field.ensemble()
-    large = {"aerocapture": replace(ensemble, mean=1e9 * ensemble.mean)}
-    control = draw("fig15", artifacts=large).axes[-1]
-    assert control.get_ylim() == (-1.6, 1.6) and re.search(r"beyond the axis: up to 3\.1e\+08", text_of(control))
-    for axes in draw("fig14", "printed").axes[:3]:
-        stated = float(re.search(r"linear covariance up to ([\d.e+]+)", text_of(axes)).group(1))
-        assert stated > 2 * axes.get_ylim()[1]
-        assert np.abs(curves(axes, BLUE, "--", least=50)[0].get_ydata()).max() < axes.get_ylim()[1]
-    assert not any(text_of(axes) for axes in draw("fig15").axes)
 
 
 def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(draw, random_field):
@@ -548,10 +379,6 @@ def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
         (predicted,) = curves(percentile, color, "--")
         np.testing.assert_array_equal(predicted.get_xydata()[:, 1], history.predicted[row, 1:])
         np.testing.assert_array_equal(predicted.get_xdata(), [1, 2, 3, 4])
-    texts = labels(figure)
-    assert any(label.endswith("cycling with period 2") for label in texts)
-    assert "both branches: converged" in texts
-    assert any("stopped; 1 to 4 of 300 flights lost" in label for label in texts)
 
 
 def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random_field):
@@ -571,17 +398,8 @@ def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random
     assert below < 0 < above
 
 
-def test_delta_v_map_shows_what_designs_expect_and_what_follows(draw, random_field):
-    gains, ensemble = random_field.gains(), random_field.ensemble()
-    left, right = draw("delta_v_map").axes
-    for number, color in enumerate((SKY, ORANGE, VERMILION), start=1):
-        points = {line.get_marker(): line for line in right.lines if same_color(line.get_color(), color)}
-        assert points["o"].get_ydata()[0] == gains.nominal_delta_v[number]
-        assert points["o"].get_xdata()[0] == gains.apoapsis[number]
-        assert points["v"].get_ydata()[0] == gains.delta_v_mean[number]
-        radius, velocity, path_angle = gains.reference[number, -1]
-        place = orbits.apoapsis_radius(radius, velocity, path_angle, 4.2828e13) / 3397e3
-        assert points["v"].get_xdata()[0] == pytest.approx(place)
+def test_delta_v_map_passes_through_the_flights(draw, random_field):
+    ensemble, left = random_field.ensemble(), draw("delta_v_map").axes[0]
     (flight_points,) = curves(left, GREY, "None", least=100)
     np.testing.assert_array_equal(flight_points.get_ydata(), ensemble.delta_v[0][:3000])
     # The curve passes through the flights: delta-v is all but a function of the apoapsis.

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.random_field import gains
 from marsedl.papers.random_field.inputs import MODEL
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import load_study
@@ -38,30 +37,18 @@ def refused(**inputs):
     ("inputs", "fragments"),
     [
         ({"partition": [*NODES[:-1], 340.0]}, ["partition", "node 13 is 350 and node 14 is 340"]),
-        ({"partition": NODES[1:]}, ["partition", "begins at 50, must begin at 0"]),
-        ({"partition": NODES[:-1]}, ["partition", "ends at 350", "final time, 400"]),
         ({"initial_control": 1.5}, ["guidance.initial_control", "vehicle.control_limits, -1 to 1"]),
         ({"initial_correlations": [0.9, 0.9, -0.9]}, ["initial_correlations", "belong to no covariance"]),
-        ({"variation_mean": -1.0}, ["variation_mean", "must be above -1"]),
-        ({"correlation_altitude": "upper", "correlation_length_km": 50.0}, ["correlation_length", "'upper'"]),
-        ({"double_integrator_partition": [0.0, 2.0, 1.0]}, ["double_integrator_partition", "node 1 is 2"]),
         (
             {"partition": [0.0, 51.2, 400.0]},
             ["mission.partition", "51.2 is no multiple of simulation.time_step (0.5)"],
         ),
-        ({"output_interval": 0.2}, ["output_interval (0.2)", "below time_step (0.5)"]),
-        ({"time_step": 0.3}, ["mission.final_time", "400 is no multiple of simulation.time_step (0.3)"]),
         ({"time_step": 1.0e-6, "output_interval": 1.0e-6}, ["time_step", "integration steps, more than 100000"]),
         ({"control_limits": [1.0, -1.0]}, ["control_limits", "1 and -1", "wrong order"]),
-        ({"field_altitudes_km": [260.0, 20.0]}, ["field_interval", "does not fit between 260000 and 20000"]),
-        ({"field_interval": 1.0e-3}, ["field_interval", "more than 100000 nodes"]),
-        ({"double_integrator_field_interval": 5.0}, ["double_integrator_field_interval", "does not fit"]),
         (
             {"variance_growth_sign": -1, "correlation_length_km": 50.0},
             ["correlation_length", "50000 m makes no covariance"],
         ),
-        ({"example_values": [1.0]}, ["example_values", "as many as example_positions"]),
-        ({"paper_trials": 1_000_000}, ["trials", "paper_trials"]),
     ],
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
@@ -90,35 +77,18 @@ def test_an_entry_angle_outside_of_the_bracket_is_refused(random_field):
         with pytest.raises(MarsedlError) as error:
             random_field.nominal("corrected", entry_angle_bracket=np.radians(bracket))
         message = str(error.value)
-        assert (
-            f"no entry angle from {bracket[0]:g} to {bracket[1]:g} deg" in message and "entry_angle_bracket" in message
-        )
         misses = re.search(r"missed by (\S+) and (\S+) planet radii", message)
         assert all(sign * float(text) > 0.0 for text in misses.groups())
 
 
 def test_a_trajectory_that_leaves_the_density_table_is_refused(random_field):
-    """At 500 s the vehicle is near 200 km: with the profile of Jezero crater, and with that of `corrected`."""
-    longer = random_field.inputs("tf_500")
-    changes = {"final_time": 500.0, "partition": longer.partition}
-    for reading, highest in (("jezero_2021", 130.0), ("corrected", 150.0)):
-        table = random_field.stage_inputs(reading, "nominal").density_table
-        assert table[-1, 0] == 1e3 * highest
-        with pytest.raises(MarsedlError) as error:
-            random_field.nominal(reading, **changes)
-        message = str(error.value)
-        assert f"leaves the density table (0 to {highest:g} km)" in message and "\n" not in message
-        assert "density_beyond_table to 'continue'" in message
-        time, altitude = map(float, re.search(r"at (\S+) s, at (\S+) km", message).groups())
-        assert 400.0 < time < 500.0 and highest < altitude < highest + 0.5
-        nominal = random_field.nominal(reading, density_beyond_table="continue", **changes)
-        assert np.interp(time, nominal.time, nominal.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
+    """At 500 s the vehicle is near 200 km."""
+    changes = {"final_time": 500.0, "partition": random_field.inputs("tf_500").partition}
+    with pytest.raises(
+        MarsedlError, match=r"leaves the density table \(0 to 130 km\) at 4\d\d.*density_beyond_table"
+    ) as error:
+        random_field.nominal("jezero_2021", **changes)
+    time, altitude = map(float, re.search(r"at (\S+) s, at (\S+) km", str(error.value)).groups())
+    nominal = random_field.nominal("jezero_2021", density_beyond_table="continue", **changes)
+    assert np.interp(time, nominal.time, nominal.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
     assert random_field.nominal("tf_500").altitude[-1] == pytest.approx(200e3, abs=10e3)
-
-
-def test_a_nominal_of_the_iteration_that_leaves_the_density_table_is_refused(random_field):
-    """The iteration flies by itself: here in a table that ends below the guess's 127.4 km."""
-    table = random_field.stage_inputs("corrected", "gains").density_table
-    inputs = random_field.stage_inputs("corrected", "gains", density_table=table[table[:, 0] <= 126e3])
-    with pytest.raises(MarsedlError, match=r"leaves the density table \(0 to 126 km\) at 39\d.*density_beyond_table"):
-        inputs.call(gains.compute, random_field.nominal(), random_field.linearization())

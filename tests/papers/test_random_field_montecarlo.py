@@ -41,12 +41,6 @@ def nodes_of(ensemble, partition):
     return np.searchsorted(ensemble.time, partition)
 
 
-def deviations(ensemble, law, partition):
-    """Standard deviations of altitude (km), velocity (m/s) and path angle (deg) at the nodes, (nodes, 3)."""
-    covariance = ensemble.covariance[law][nodes_of(ensemble, partition)]
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, MOTION] / UNITS
-
-
 # --- delta-v ----------------------------------------------------------------------------------------------------------
 
 PERCENTILES = {  # of the laws of all iterations, with standard errors
@@ -98,15 +92,10 @@ def test_delta_v_of_every_iteration(random_field, law, median, mean, deviation):
 
 SPREAD = """
 125  .0047 17.82 .0088   .1276 16.57 .0855
-150  .0223 32.12 .0220   .3797 24.93 .2034
 175  .0986 47.15 .0446   .6531 26.80 .1938
-200  .2572 60.18 .0777   .7080 21.04 .0835
 250  .9107 76.34 .1676   .4382 8.505 .0657
-300  2.076 81.84 .2722   .1633 6.123 .0670
-325  2.857 82.61 .3262   nan   5.984 .0702
-350  3.768 82.37 .3801   .1456 5.898 .0735
 400  5.967 81.18 .4861   .4720 5.702 .0799
-"""  # s; km, m/s, deg of the open loop and of the third law. At 325 s a few trials in thousands decide the altitude's.
+"""  # s; km, m/s, deg of the open loop and of the third law
 
 
 @pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
@@ -116,8 +105,6 @@ def test_spread_over_time(random_field, row):
     k = np.flatnonzero(ensemble.time == float(time))[0]
     deviation = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
     for value, text in zip(deviation.ravel(), texts, strict=True):
-        if text == "nan":
-            continue
         # Nearly normal: four standard errors of both, half a digit.
         digit = 10.0 ** -len(text.split(".")[1])
         assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)

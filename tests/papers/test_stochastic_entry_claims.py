@@ -222,10 +222,6 @@ def unlike_identity(linearization):
     return replace(linearization, trigger_projection=projection)
 
 
-def like(ensemble, factor):
-    return moved(ensemble, RANGE, factor=factor)
-
-
 def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published, rows):
     """No counted verdict is one that could not be otherwise."""
     artifacts = entry.artifacts("corrected")
@@ -296,20 +292,6 @@ def row(rows, **cells):
     return rows.iloc[number]
 
 
-def test_tables_of_inputs(entry, entry_published):
-    first = table(entry, entry_published, "tab01").iloc[0]
-    assert first["mass (kg)"] == 3200.0
-    assert first["reference area (m^2)"] == pytest.approx(np.pi * 4.5**2 / 4, rel=1e-12)
-    assert first["drag coefficient"] == pytest.approx(1.4904, abs=5e-5)
-    second = table(entry, entry_published, "tab02").set_index("state")
-    assert tuple(second.loc["crossrange"]) == ("km", pytest.approx(0.57, abs=0.005), 0.5)
-    assert tuple(second.loc["flight path angle"]) == ("deg", pytest.approx(-15.5), pytest.approx(0.5))
-    assert tuple(second.loc["velocity"]) == ("m/s", 5800.0, 20.0)
-    third = table(entry, entry_published, "tab03").set_index("source of uncertainty")["here"]
-    assert "from -0.015 to +0.015 in C_L and from +0.02 to -0.02 in C_D" in third["aerodynamics"]
-    assert "surrogate" in third["density of the atmosphere"]
-
-
 def test_table_4_beside_the_paper(entry, entry_published, evaluations):
     rows = table(entry, entry_published, "tab04")
     assert len(rows) == 32
@@ -342,16 +324,6 @@ def test_endings_count_every_trial(entry, entry_published):
     assert list(cells[2:7]) == [2000, 1995, 3, 1, 1]
 
 
-def test_table_4_shows_that_nothing_is_finite(entry, entry_published):
-    rows = table(entry, entry_published, "tab04", "printed")
-    cell = row(rows, **{"final error": "downrange", "law": "stochastic", "trigger": "time", "percentile": 99.0})
-    assert cell["trials"] == 0
-    filled_columns = ["final error", "unit", "law", "trigger", "percentile", "in the paper", "trials"]
-    assert list(cell.index[cell.notna()]) == filled_columns
-    ends = row(table(entry, entry_published, "endings", "printed"), law="stochastic", trigger="velocity")
-    assert (ends["completed"], ends["not finite"]) == (0, 2000) and np.isnan(ends["mean range error (km)"])
-
-
 def test_transformation_of_the_trigger_beside_eq_77(entry, entry_published):
     rows = table(entry, entry_published, "zf")
     assert list(zip(rows["row"], rows["column"], strict=True)) == [(i, j) for i in STATE_NAMES for j in STATE_NAMES]
@@ -365,23 +337,6 @@ def test_transformation_of_the_trigger_beside_eq_77(entry, entry_published):
     assert not wrong["within the printed rounding"][~velocity].all()
     assert not rows["fitted"][~velocity].any()
     assert not table(entry, entry_published, "zf", "desensitized_density")["fitted"].any()
-
-
-def test_certificates_and_error_budget(entry, entry_published):
-    rows = table(entry, entry_published, "certificates")
-    assert list(rows["trigger"]) == ["time", "velocity"]
-    np.testing.assert_allclose(rows["deviation of the objective (m)"], np.sqrt(entry.gains().cost), rtol=1e-12)
-    assert rows["final altitude deviation over its limit"][1] == pytest.approx(1.0, abs=1e-4)
-    rows, budget = table(entry, entry_published, "sources"), entry.error_budget()
-    assert len(rows) == len(budget.law) * 2 * (len(budget.source) + 2)
-    cell = row(rows, law="stochastic", trigger="velocity", source="aerodynamics")
-    deviation = budget.deviation[1, 1, list(budget.source).index("aerodynamics")]
-    assert cell["deviation (m)"] == deviation
-    assert cell["share (%)"] == pytest.approx(100 * (deviation / budget.deviation[1, 1, -1]) ** 2, rel=1e-12)
-    np.testing.assert_allclose(rows["share (%)"][rows["source"] == "all"], 100.0, rtol=1e-14)  # to a last bit
-    floor = rows[rows["source"].str.startswith("floor")]
-    np.testing.assert_array_equal(floor["deviation (m)"], np.tile(budget.floor, len(budget.law)))
-    np.testing.assert_array_equal(rows["missed"].dropna(), budget.missed.ravel())
 
 
 VERDICT = "with the velocity trigger"
@@ -414,20 +369,3 @@ def test_summaries_over_readings(entry, entry_published, evaluations):
     expected = evaluations["corrected"]["headline_range_reduction"].value
     assert rows["velocity trigger: narrower by (%)"][1] == pytest.approx(expected, rel=1e-9)
     assert np.isnan(rows["velocity trigger: narrower by: standard error (%)"][0])  # the paper states none
-
-
-@pytest.mark.parametrize(
-    ("factor", "verdict"),
-    [
-        (0.5, "both percentiles are about halved"),
-        (0.8, "narrower, but neither percentile is about halved"),
-        (1.0, "no difference beyond sampling error"),
-        (1.3, "the stochastic law is wider"),
-    ],
-)
-def test_headline_verdict_follows_the_numbers(entry, entry_published, factor, verdict):
-    artifacts = entry.artifacts("corrected")
-    artifacts = artifacts | {"stochastic_velocity": like(artifacts["apollo_velocity"], factor)}
-    rows = tables.headline(entry.of_readings(tables.Records, {"corrected": artifacts}), entry_published)
-    assert rows[VERDICT].iloc[-1] == verdict
-    assert rows["ratio of the 99th percentiles"].iloc[-1] == pytest.approx(factor, rel=1e-6)

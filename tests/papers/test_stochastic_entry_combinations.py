@@ -6,7 +6,6 @@ import pytest
 from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES, DOWNRANGE, LEVELS
 from marsedl.replication.claims import judge
-from marsedl.replication.tables import csv_text
 
 TRIALS = 300  # of the study in the tests
 
@@ -78,23 +77,6 @@ def test_mirrored_percentiles_are_those_of_the_error_with_its_other_sign(entry):
     values, deviations = measures.mirrored(measures.final_percentiles(ensemble)[DOWNRANGE])
     np.testing.assert_allclose(values, np.quantile(-error, LEVELS), rtol=1e-12)
     assert (deviations > 0).all() and values[0] < values[1]
-
-
-def test_table_of_combinations(entry, entry_published, study):
-    rows = entry.product(
-        "tables", "combinations", "corrected", {"combinations": entry.combinations()}, published=entry_published
-    )
-    assert csv_text(rows) and len(rows) == len(study)
-    names = zip(*(rows[head] for head in ("feedback", "adjoint", "partition (s)", "signs")), strict=True)
-    assert {(form.replace(" ", "_"), *choices) for form, *choices in names} == set(study)
-    row, tails = rows.iloc[0], study["five_state", "time", 1.0, "opposite"]
-    assert tuple(row)[:4] == ("five state", "time", 1.0, "opposite")
-    stochastic, apollo = (tails[case][DOWNRANGE][0] for case in ("stochastic_velocity", "apollo_velocity"))
-    ratios = row[["ratio of the 1st percentiles", "ratio of the 99th percentiles"]].to_numpy(float)
-    np.testing.assert_allclose(ratios, stochastic / apollo, rtol=1e-12)
-    narrower = 100 * (1 - np.ptp(stochastic) / np.ptp(apollo))
-    assert row["velocity trigger: narrower by (%)"] == pytest.approx(narrower, rel=1e-9)
-    assert row["velocity trigger: narrower by: standard error (%)"] > 0.0
 
 
 def test_the_covariance_of_the_apollo_law_is_that_of_the_reading(entry):
