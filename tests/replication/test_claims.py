@@ -14,9 +14,7 @@ from marsedl.replication.claims import (
     PublishedClaim,
     claims_markdown,
     collect,
-    format_lines,
     format_number,
-    format_result,
     judge,
     load_measured,
     load_published,
@@ -66,37 +64,15 @@ def test_every_published_file_loads():
         assert load_published(path)
 
 
-def test_all_shapes_of_printed_values_load(tmp_path):
-    entries = {
-        "matrix": ("[[1.5, 2.5], [3.5, 4.5]]", "resolution: 0.1\n    kind: deterministic"),
-        "vector": ("[1, 0.25]", "resolution: [1, 0.01]\n    kind: deterministic"),
-        "text": ("ZEM", "kind: input"),
-        "infinite": ("[0, .inf]", "resolution: 1\n    kind: input"),
-        "quoted": ("1.4", "resolution: 0.1\n    kind: context"),
-        "open": ("[12, 32]", "kind: undetermined"),
-    }
-    text = "claims:\n" + "".join(
-        f"  - id: {name}\n    where: here\n    quantity: it\n    unit: '1'\n    printed: {printed}\n    {rest}\n"
-        for name, (printed, rest) in entries.items()
-    )
-    assert [c.id for c in load(tmp_path, text)] == list(entries)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         ("unit: kg", "unit: kg\n    units: kg", ["mass", "'units'", "'unit'"]),
         ("kind: monte_carlo", "kind: montecarlo", ["mass", "'kind'", "'monte_carlo'"]),
         ("kind: monte_carlo", "kind: qualitative", ["mass", "'printed'", "true or false"]),
-        ("    trials: 2000\n", "", ["mass", "'trials'", "missing"]),
-        ("trials: 2000", "trials: true", ["mass", "'trials'"]),
         ("resolution: 1", "resolution: 0", ["mass", "'resolution'", "positive"]),
-        ("resolution: 1", "resolution: [1, 1]", ["mass", "'resolution'", "shape"]),
         ("printed: 1349", "printed: many", ["mass", "'printed'", "many"]),
-        ("printed: 1349", "printed: .nan", ["mass", "'printed'", "finite"]),
         ("id: mass", "id: a mass", ["a mass", "'id'"]),
-        ("unit: kg", "unit: kg\n    unit: g", ["unit", "twice"]),
-        ("claims:", "claim:", ["claims"]),
         ("claims:", "claims: [", ["paper.yaml"]),
     ],
 )
@@ -130,7 +106,6 @@ def test_the_measured_rows_of_one_paper_load(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("quantity,", "what,"),
         ("0.25", "fast"),
         (",0.25,s,< 1,yes", ""),
     ],
@@ -280,9 +255,6 @@ def test_close_is_a_tolerance_stated_beforehand():
 def test_close_needs_one_positive_tolerance(tolerances):
     with pytest.raises(InputError):
         Close("why", **tolerances)
-
-
-def test_close_needs_a_reason():
     with pytest.raises(InputError, match="reason"):
         Close(" ", relative=0.1)
 
@@ -339,15 +311,10 @@ def test_a_value_that_is_not_finite_never_reproduces():
     ("changes", "evaluation", "word"),
     [
         ({}, Evaluation([1.0]), "shape"),
-        ({"printed": [1, 2]}, Evaluation(1.0), "shape"),
-        ({"printed": [1, 2]}, Evaluation([1.0, 2.0, 3.0]), "shape"),
         ({}, Evaluation(True), "numbers"),
-        ({}, Evaluation("many"), "numbers"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, [0.1], 10), "shape"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.inf, 10), "finite"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
     ],
 )
@@ -455,17 +422,6 @@ def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
     assert at_equal_trials(0.2, "standard errors") is None
 
 
-def test_a_reason_names_what_it_rests_on_only_once():
-    declared = {
-        "mass": Declaration("E17 rounds, the guess for the mass is free.", ("E17", "E5"), withheld=("the step size",))
-    }
-    rows = collect([CLAIMS[0]], declared, {"corrected": evaluations_of("mass")})
-    assert rows[0]["reason"] == (
-        "E5; withheld by the paper: the step size. E17 rounds, the guess for the mass is free."
-    )
-    assert (rows[0]["errata"], rows[0]["withheld"]) == (["E17", "E5"], ["the step size"])
-
-
 def evaluations_of(name, **options):
     return {name: replace(evaluations()[name], **options)}
 
@@ -497,28 +453,14 @@ def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
         collect([CLAIMS[0]], declared, evaluations)
 
 
-def test_a_close_verdict_says_why_its_tolerance_is_right():
-    declared = {"mass": Declaration(close=Close("The step is not stated.", relative=0.02))}
-    (row,) = collect([CLAIMS[0]], declared, {"corrected": {"mass": Evaluation(1355.0)}})
-    assert row["verdict"] == "close"
-    assert row["reason"] == "Within the tolerance stated beforehand (2 % of the printed value): The step is not stated."
-    assert row["close"] == {"relative": 0.02, "absolute": None, "reason": "The step is not stated."}
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda r, d: r["corrected"].pop("mass"), ["corrected", "without an evaluator", "mass"]),
         (lambda r, d: r["target4"].update(mas=None), ["target4", "unknown claim", "mas;", "'mass'"]),
-        (lambda r, d: d.update(mas=Declaration()), ["declaration", "unknown claim", "'mass'"]),
         (lambda r, d: r.pop("corrected"), ["no evaluations of reading corrected"]),
-        (lambda r, d: r.pop("printed"), ["no evaluations of reading printed"]),
         (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
-        (lambda r, d: r["printed"].update(isp=None), ["claim isp", "not evaluated in reading printed"]),
         (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
-        (lambda r, d: d.update(mass=Declaration("{prior:.1q}")), ["claim mass", "does not exist"]),
-        (lambda r, d: d.update(mass=Declaration("{standard_error:.1f}")), ["claim mass", "does not exist"]),
-        (lambda r, d: d.update(mass=Declaration("{other[prior]:.1f}")), ["claim mass", "other"]),
         (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["claim mass", "unknown erratum", "E99"]),
         (
             lambda r, d: d.update(converges=Declaration(close=Close("why", relative=0.1))),
@@ -582,19 +524,6 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
         read_claims(tmp_path / "bad.json")
 
 
-def test_the_table_for_readers_shows_every_claim_and_every_reading():
-    header, _, *lines = (line[2:-2].split(" | ") for line in claims_markdown(collected()).splitlines())
-    assert len(header) == len(set(header))
-    rows = [dict(zip(header, line, strict=True)) for line in lines]
-    assert [row["id"] for row in rows] == [c.id for c in CLAIMS]
-    mean = rows[-1]
-    assert mean["in the paper"] == "100.1; 49.8"
-    assert mean["corrected"] == "100.000 ± 0.050; 50.000 ± 0.010"
-    assert mean["corrected verdict"] == mean["verdict"] == "differs"
-    assert rows[0]["printed verdict"] == "differs"
-    assert rows[1]["target4"] == rows[1]["target4 verdict"] == "–"
-
-
 def test_a_markdown_cell_keeps_to_its_cell():
     row = {**collected()[0], "quantity": "a|b\n<script>"}
     markdown = claims_markdown([row])
@@ -619,45 +548,15 @@ def test_inputs_and_quotations_are_never_counted():
         ((1349.3841, 0.0468), "1349.384 ± 0.047"),
         ((-0.0047, 0.0056), "-0.0047 ± 0.0056"),
         ((1.23e-5, 2e-7), "(1.230 ± 0.020)e-5"),
-        ((0.0, 0.0011), "0.0000 ± 0.0011"),
         ((123456.0, 2345.0), "123456 ± 2345"),
         ((4.85e-4, None, 1e-6), "4.85e-4"),
         ((4.2828e13, None, 1e9), "4.2828e13"),
-        ((1346, None, 1), "1346"),
-        ((0.25, None, 0.001), "0.250"),
-        ((-12.1212, None, 1e-4), "-12.1212"),
         ((2 / 3,), "0.666667"),
-        ((1.0, 0.0), "1"),
         ((None,), "–"),
-        ((True,), "true"),
-        (("ZEM",), "ZEM"),
-        ((math.inf,), "inf"),
     ],
 )
 def test_numbers_are_written_as_a_reader_expects(arguments, expected):
     assert format_number(*arguments) == expected
-
-
-def test_vectors_are_written_line_by_line():
-    assert format_lines([3.889, 0.25], resolution=0.001) == ["3.889", "0.250"]
-    assert format_lines([1.0, 2.0], [0.1, 0.02]) == ["1.00 ± 0.10", "2.000 ± 0.020"]
-    assert format_lines([[1, 2], [3, 4]], resolution=[[1, 1], [0.1, 1]]) == ["1, 2", "3.0, 4"]
-
-
-def test_an_input_is_shown_in_full_unless_it_is_as_stated():
-    row = {"kind": "input", "resolution": 10.0, "readings": {}}
-    for name, value, verdict in (("printed", 1480.0, "as_stated"), ("corrected", 0.148, "not_as_stated")):
-        row["readings"][name] = {"value": value, "standard_error": None, "verdict": verdict}
-    assert format_result(row, "printed") == ["1480"]
-    assert format_result(row, "corrected") == ["0.148"]
-
-
-def test_a_result_shows_two_digits_more_than_the_print():
-    row = collected()[0]
-    assert format_result(row, "corrected") == ["1349.40"]
-    assert format_result(row, "elsewhere") == ["–"]
-    failed = {**row, "readings": {"printed": {**row["readings"]["printed"], "value": None}}}
-    assert format_result(failed, "printed") == ["not finite"]
 
 
 # -------------------------------------------------------------------------------------------------------- damaged files
@@ -680,10 +579,7 @@ def damaged(row, *path, by=None):
     ("spoil", "problem"),
     [
         (lambda row: "", "is not JSON"),
-        (lambda row: {}, "is not a list of claims"),
         (lambda row: [row, damaged(row, "paper")], "claim 2: the key 'paper' is missing or is not text"),
-        (lambda row: [damaged(row, "verdict", by=["holds"])], "claim 1: the key 'verdict' is missing or is not text"),
-        (lambda row: [damaged(row, "printed")], "claim 1: the key 'printed' is missing"),
         (lambda row: [damaged(row, "readings", "printed", "value")], "'readings.printed.value' is missing"),
     ],
 )  # fmt: skip
