@@ -405,10 +405,7 @@ def proven(funnel: Funnel, proven: Proven) -> Figure:
 
 
 def dubins_rho(
-    dubins: Dubins,
-    dubins_study: DubinsStudy,
-    dubins_calm: FlightEnsemble,
-    dubins_wind: FlightEnsemble,
+    dubins: Dubins, dubins_study: DubinsStudy, dubins_calm: FlightEnsemble, dubins_wind: FlightEnsemble
 ) -> Figure:
     """Levels of the Dubins car without and with wind: funnels, linear dynamics, flights, and proven."""
     figure, panels = new_figure(7.6, 5.4, nrows=2, ncols=2, sharex=True, sharey="row", height_ratios=(1, 1.2))

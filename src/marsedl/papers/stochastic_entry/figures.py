@@ -37,12 +37,7 @@ from marsedl.replication.units import DEGREE, KM, converted
 LAWS = ("apollo", "stochastic")
 LAW_COLOR = {"apollo": BLUE, "stochastic": VERMILION, "nominal": GREY}
 LAW_NAME = {"apollo": "Apollo", "stochastic": "stochastic", "nominal": "no corrections"}
-CASE_COLOR = {
-    "apollo_time": BLUE,
-    "apollo_velocity": SKY,
-    "stochastic_time": VERMILION,
-    "stochastic_velocity": ORANGE,
-}
+CASE_COLOR = {"apollo_time": BLUE, "apollo_velocity": SKY, "stochastic_time": VERMILION, "stochastic_velocity": ORANGE}
 UNITS = {"altitude": "km", "velocity": "m/s", "flight_path_angle": "deg", "downrange": "km", "crossrange": "km"}
 IN_LINEAR_MODEL = {"altitude": "radius", **{name: name for name in ("velocity", "flight_path_angle", "downrange")}}
 ELLIPSE_PROBABILITY = 0.9973  # of Fig. 13
@@ -64,11 +59,7 @@ def fig01() -> Figure:
         axes.plot(radius * np.cos(turn), radius * np.sin(turn), color=GREY, linewidth=width)
     axes.plot([0, 0], [-0.62, 1.22], color=GREY, linestyle="--", linewidth=0.8)
     axes.plot([-0.75, 1.0], [0, 0], color=GREY, linestyle="--", linewidth=0.8)
-    for end, color, width in (
-        ((tip[0], 0.0), ORANGE, 1.6),
-        ((0.0, tip[1]), GREEN, 1.6),
-        (tip, BLUE, 2.0),
-    ):
+    for end, color, width in (((tip[0], 0.0), ORANGE, 1.6), ((0.0, tip[1]), GREEN, 1.6), (tip, BLUE, 2.0)):
         axes.annotate("", end, corner, arrowprops=_arrow(color, width))
     axes.plot([tip[0], tip[0], 0.0], [0.0, tip[1], tip[1]], color=GREY, linestyle=":", linewidth=0.8)
     arc = np.linspace(0.0, bank, 40)
@@ -140,10 +131,7 @@ def fig03() -> Figure:
     orbit = np.outer(np.cos(turn), up) + np.outer(np.sin(turn), heading)
     for circle, color, width in ((equator, GREY, 0.7), (orbit, GREEN, 1.2)):
         _on_sphere(axes, project, circle, color, width)
-    for points, color in (
-        (_great_circle(up, target), BLUE),
-        (_great_circle(foot, target), VERMILION),
-    ):
+    for points, color in ((_great_circle(up, target), BLUE), (_great_circle(foot, target), VERMILION)):
         axes.plot(*project(points).T, color=color, linewidth=2.2)
     for end, color in ((height * up, BLACK), (target, BLACK), (foot, GREEN)):
         axes.plot(*project(np.stack([0 * end, end])).T, color=color, linewidth=0.8, linestyle="--")
@@ -433,13 +421,7 @@ def error_budget(error_budget: ErrorBudget) -> Figure:
             shares = error_budget.deviation[row, number, single] ** 2 / total
             values = 100 * np.append(shares, shares.sum())
             at = places + (row - 1) * width
-            axes.bar(
-                at,
-                np.nan_to_num(values),
-                width,
-                color=LAW_COLOR[law],
-                label=LAW_NAME[law],
-            )
+            axes.bar(at, np.nan_to_num(values), width, color=LAW_COLOR[law], label=LAW_NAME[law])
             sums.append(f"{LAW_NAME[law]} {np.sqrt(total):,.0f} m" if total > 0 else f"{LAW_NAME[law]} no finite trial")
             least = 100 * error_budget.floor[number] ** 2 / total
             edges = at[sources.index("density")] + np.array([-0.5, 0.5]) * width

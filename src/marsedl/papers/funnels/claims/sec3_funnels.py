@@ -180,11 +180,7 @@ def stage_condition_bounds_step(recursion: Recursion, discretization: Discretiza
     counterexample=replaced("adversarial.outside_between", 1),
 )
 def interpolation_between_slices(
-    recursion: Recursion,
-    funnel: Funnel,
-    constant: FlightEnsemble,
-    redrawn: FlightEnsemble,
-    adversarial: FlightEnsemble,
+    recursion: Recursion, funnel: Funnel, constant: FlightEnsemble, redrawn: FlightEnsemble, adversarial: FlightEnsemble
 ):
     laws = constant, redrawn, adversarial
     highest = largest([law.largest_ratio for law in laws], np.inf)

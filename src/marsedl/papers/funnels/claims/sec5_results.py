@@ -4,14 +4,7 @@ import numpy as np
 
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import SPHERES
-from marsedl.papers.funnels.claims.measures import (
-    complete,
-    flown_levels,
-    largest,
-    on_slices,
-    over_flown,
-    peaks,
-)
+from marsedl.papers.funnels.claims.measures import complete, flown_levels, largest, on_slices, over_flown, peaks
 from marsedl.papers.funnels.inputs import Planet, Recursion, Vehicle
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, Linearization
 from marsedl.replication.claiming import check, claim, holds, listed, measure

@@ -4,21 +4,9 @@ import numpy as np
 
 from marsedl.models import density_variation
 from marsedl.papers.stochastic_entry import environment
-from marsedl.papers.stochastic_entry.claims.measures import (
-    DEADBAND,
-    DENSITY,
-    LAWS,
-    VARIANCE,
-    Dispersions,
-    Flights,
-)
+from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, DENSITY, LAWS, VARIANCE, Dispersions, Flights
 from marsedl.papers.stochastic_entry.inputs import Air, Planet
-from marsedl.papers.stochastic_entry.records import (
-    FLIGHT_PATH_ANGLE,
-    Gains,
-    Linearization,
-    Nominal,
-)
+from marsedl.papers.stochastic_entry.records import FLIGHT_PATH_ANGLE, Gains, Linearization, Nominal
 from marsedl.replication.claiming import Fails, claim, holds, listed, measure, measured
 from marsedl.replication.claims import Evaluation
 from marsedl.replication.counterexamples import scaled

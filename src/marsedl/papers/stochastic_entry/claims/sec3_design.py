@@ -141,7 +141,4 @@ def lqg_no_feedback_low_q(guidance: Guidance, design: Design, corrections: Corre
         raise Fails(f"the drag exceeds {guidance.apollo_least_drag:g} m/s^2 from entry on")
     subject = f"three sigma of the correction before the drag exceeds {guidance.apollo_least_drag:g} m/s^2"
     share = 100 * corrections.stochastic[:, thin] / design.control_limit
-    return holds(
-        measure(f"{subject}, in per cent of the control limit", share) < 100 * NEGLIGIBLE,
-        largest=share.max(),
-    )
+    return holds(measure(f"{subject}, in per cent of the control limit", share) < 100 * NEGLIGIBLE, largest=share.max())

@@ -5,12 +5,7 @@ import numpy as np
 from marsedl.montecarlo.statistics import wishart_deviance
 from marsedl.montecarlo.streaming import observed_maxima
 from marsedl.papers.stochastic_entry import dispersions
-from marsedl.papers.stochastic_entry.claims.measures import (
-    DEADBAND,
-    DENSITY,
-    Flights,
-    crossrange_of_azimuth,
-)
+from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, DENSITY, Flights, crossrange_of_azimuth
 from marsedl.papers.stochastic_entry.inputs import Guidance, Mission, Planet, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     BANK_CHANGE,
@@ -73,10 +68,7 @@ def tab3_state(planet: Planet, linearization: Linearization, apollo_time: Flight
     )
 
 
-@claim(
-    "Mars-GRAM samples are not available; flights take a surrogate with exact variance.",
-    withheld=DENSITY,
-)
+@claim("Mars-GRAM samples are not available; flights take a surrogate with exact variance.", withheld=DENSITY)
 def tab3_density():
     return Evaluation(evidence="trials fly through an Ornstein-Uhlenbeck surrogate")
 

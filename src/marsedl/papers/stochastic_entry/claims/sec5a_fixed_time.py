@@ -166,10 +166,7 @@ def fig8_apollo_leaves(corrections: Corrections):
 def fig8_silent_after_ei(design: Design, corrections: Corrections):
     early = corrections.stochastic[:, corrections.time < SILENT_TIME].max()
     subject = f"largest three sigma of the correction in the first {SILENT_TIME:g} s, in per cent of the control limit"
-    return holds(
-        measure(subject, 100 * early / design.control_limit, "%") < 100 * NEGLIGIBLE,
-        early=early,
-    )
+    return holds(measure(subject, 100 * early / design.control_limit, "%") < 100 * NEGLIGIBLE, early=early)
 
 
 @claim(
@@ -216,10 +213,7 @@ def fig9_large_deviations(
 @claim(
     "The linear bound is largest at {value:.0f} s, that of the flights at {of_trials:.0f} s.",
     withheld=(DENSITY, DEADBAND),
-    close=Close(
-        "the text says around, of a flat maximum in a figure",
-        absolute=10.0,
-    ),
+    close=Close("the text says around, of a flat maximum in a figure", absolute=10.0),
     counterexample=scaled("gains.stochastic_covariance", at=(0, slice(150, None), DOWNRANGE, DOWNRANGE)),
 )
 def fig9_range_error_turns(gains: Gains, flights: Flights, dispersions: Dispersions):

@@ -311,11 +311,7 @@ def velocity_trigger_ends_at_velocity(mission: Mission, flights: Flights):
 def improvement_visible_velocity(tails: TriggerTails):
     saved, error = (100 * part for part in reduction(tails.stochastic, tails.apollo))
     subject = "reduction of the interval between the percentiles of the range by the stochastic law"
-    return holds(
-        measure(subject, saved, "%", error=error) > 100 * VISIBLE,
-        trials=tails.trials,
-        change=-saved,
-    )
+    return holds(measure(subject, saved, "%", error=error) > 100 * VISIBLE, trials=tails.trials, change=-saved)
 
 
 # ---- Fig. 13 ---------------------------------------------------------------------------------------------------------
