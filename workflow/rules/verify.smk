@@ -8,5 +8,7 @@ rule verify:
         "logs/verify.log",
     conda:
         "../envs/marsedl.yaml"
+    params:
+        python=sys.executable,
     shell:
-        "{sys.executable:q} -m marsedl.cli verify 2> {log}"
+        "{params.python:q} -m marsedl.cli verify 2> {log}"
