@@ -194,9 +194,6 @@ def example(folder, hostile="plain"):
         "rebuild": ["make all", "snakemake report  # <html>"],
         "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
         "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
-        "benchmarks": [["rule", "s", "MB"], ["montecarlo", "12.3", "310"]],
-        "machines": [["machine", "worst margin"], ["sse", f"0.2 {hostile}"]],
-        "margins": [["paper", "artifact", "sse"], ["powered_descent", "gains", "0.0417"]],
     }
     return [
         paper,

@@ -104,36 +104,6 @@ def test_run_times_are_those_of_the_papers_asked_for():
     assert assembly.run_times([], ["a"]) == []
 
 
-MACHINES = [
-    ["machine", "setting", "paper", "artifact", "numbers", "beyond", "margin", "worst"],
-    ["sse", "X=1", "a", "verdicts", "10", "0", "", ""],
-    ["sse", "X=1", "a", "claims", "8", "0", "0.0e+00", ""],
-    ["sse", "X=1", "a", "gains", "4", "1", "3.0e+00", "printed/K"],
-    ["sse", "X=1", "b", "verdicts", "5", "1", "", "claim, printed"],
-    ["sse", "X=1", "b", "gains", "1000", "0", "2.0e-01", "corrected/K"],
-    ["older", "numpy 1", "a", "verdicts", "10", "0", "", ""],
-    ["older", "numpy 1", "a", "gains", "4", "0", "1.0e-03", "corrected/K"],
-]
-
-
-def test_other_machines_are_counted_over_all_papers():
-    header, *rows = assembly.machine_rows(MACHINES)
-    assert len(header) == 6
-    assert rows == [
-        ["sse", "X=1", "2", "1 of 15", "1 of 1,012", "3.0e+00 (a, gains: printed/K)"],
-        ["older", "numpy 1", "1", "0 of 10", "0 of 4", "1.0e-03 (a, gains: corrected/K)"],
-    ]
-
-
-def test_the_worst_margin_of_every_artifact_stands_beside_those_of_other_machines():
-    assert assembly.margin_rows(MACHINES) == [
-        ["paper", "artifact", "sse", "older"],
-        ["a", "claims", "0.0e+00", "–"],
-        ["a", "gains", "3.0e+00 (1 of 4 beyond)", "1.0e-03"],
-        ["b", "gains", "2.0e-01", "–"],
-    ]
-
-
 @pytest.mark.parametrize(
     ("values", "axis", "expected"),
     [

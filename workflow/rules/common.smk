@@ -16,7 +16,7 @@ from marsedl.replication.inputs import SETTINGS, load_studies
 from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.site import site_files
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.staleness import BENCHMARKS, MACHINES, Recipes
+from marsedl.replication.staleness import BENCHMARKS, Recipes
 
 ROOT = Path(workflow.current_basedir).parents[1]
 # Another workflow may use these rules as a module: its words, files and further keys are its own.

@@ -47,7 +47,6 @@ rule site:
         made=made("report/index.html"),
         artifacts={paper: {reading: claimed(paper, reading) for reading in STUDIES[paper].compared} for paper in PAPERS},
         benchmarks=source(BENCHMARKS),
-        machines=source(MACHINES),
         build=build,
     script:
         "../scripts/report.py"

@@ -17,7 +17,5 @@ with guarded(snakemake) as job:
         )
         for slug, readings in job.params.made["readings"].items()
     ]
-    machines = assembly.measurements(Path(job.params.machines))
-    digests = Path(snakemake.input.digests)
-    around = assembly.environment(job.params.made["size"], digests, benchmarks, job.params.made["readings"], machines)
+    around = assembly.environment(job.params.made["size"], Path(snakemake.input.digests))
     build_site(Path(snakemake.output[0]).parent, papers, around, assembly.comparison(comparisons()))

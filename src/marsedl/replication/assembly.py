@@ -150,23 +150,14 @@ def _table(folder: Path, stem: str, caption: str, beyond: bool = False) -> Table
     return TableEntry(stem, caption, read_markdown(path), (f"{folder / stem}.csv", f"{path}"), beyond)
 
 
-def environment(
-    size: str,
-    digests: Path,
-    benchmarks: Sequence[Sequence[str]],
-    slugs: Iterable[str],
-    machines: Sequence[Sequence[str]] = (),
-) -> dict:
-    """Return what concerns all papers: size, software, digests, run times of no single paper, other machines."""
+def environment(size: str, digests: Path) -> dict:
+    """Return what concerns all papers: size, software and digests."""
     return {
         "size": size,
         "citation": CITATION,
         "rebuild": list(REBUILD),
         "versions": library_versions(*LIBRARIES),
         "digests": json.loads(digests.read_text(encoding="utf-8")),
-        "benchmarks": run_times(benchmarks, {row[0] for row in benchmarks[1:]}.difference(slugs)),
-        "machines": machine_rows(machines),
-        "margins": margin_rows(machines),
     }
 
 
@@ -187,50 +178,6 @@ def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> lis
     header = list(benchmarks[0][1:])
     kept = [column for column, name in enumerate(header) if name != "note" or any(row[column] for row in rows)]
     return [[row[column] for column in kept] for row in [header, *rows]]
-
-
-def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
-    """What differs on other machines, one row for each, the first row the header; empty if nothing was measured.
-
-    machines: the table of `bench/machines.py`.
-    """
-    if not machines:
-        return []
-    header = ("machine", "what is different there", "papers", "verdicts changed", "numbers beyond tolerance")
-    table = [[*header, "worst margin"]]
-    rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
-    for name in dict.fromkeys(row["machine"] for row in rows):
-        rows_of_machine = [row for row in rows if row["machine"] == name]
-        verdicts = [row for row in rows_of_machine if not row["margin"]]
-        numbers = [row for row in rows_of_machine if row["margin"]]
-        worst = max(numbers, key=lambda row: float(row["margin"]))
-        counts = [f"{_sum(part, 'beyond'):,} of {_sum(part, 'numbers'):,}" for part in (verdicts, numbers)]
-        place = f" ({worst['paper']}, {worst['artifact']}: {worst['worst']})" if worst["worst"] else ""
-        papers = str(len({row["paper"] for row in rows_of_machine}))
-        table.append([name, rows_of_machine[0]["setting"], papers, *counts, worst["margin"] + place])
-    return table
-
-
-def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
-    """The worst margin of every artifact on every other machine, in tolerances; the first row is the header.
-
-    machines: the table of `bench/machines.py`; empty if nothing was measured, and so is the result.
-    """
-    rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
-    names = list(dict.fromkeys(row["machine"] for row in rows))
-    cells = {
-        (row["paper"], row["artifact"], row["machine"]): row["margin"]
-        + (f" ({row['beyond']} of {row['numbers']} beyond)" if row["beyond"] != "0" else "")
-        for row in rows
-        if row["margin"]
-    }
-    artifacts = dict.fromkeys(key[:2] for key in cells)
-    margins = [[*key, *(cells.get((*key, name), "–") for name in names)] for key in artifacts]
-    return [["paper", "artifact", *names], *margins] if margins else []
-
-
-def _sum(rows: Iterable[Mapping[str, str]], column: str) -> int:
-    return sum(int(row[column]) for row in rows)
 
 
 def solver_rows(paths: Paths) -> list[list[str]]:

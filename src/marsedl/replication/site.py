@@ -36,7 +36,7 @@ from marsedl.replication.report import Comparison, FigureEntry, InputEntry, Pape
 from marsedl.replication.words import words
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks", "machines", "margins")
+_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests")
 ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
 OTHER_PAGES = ("index.html", "comparison.html", "about.html")
 SEARCH_DATA = "search-data.js"
@@ -106,8 +106,8 @@ def build_site(
         papers: what to say of each paper, in this order.
         comparison: what to say of all of them together.
         environment: what holds for all of them; every key may be left out:
-            `size` (text), `citation` (text), `rebuild` (list of commands), `versions` (text by package), `digests`
-            (text by file), and the tables `benchmarks`, `machines`, `margins` (rows of text, the first one the header).
+            `size` (text), `citation` (text), `rebuild` (list of commands), `versions` (text by package) and
+            `digests` (text by file).
 
     Raises:
         InputError: an unknown key, a paper or name given twice, or an input without a value in a listed reading.

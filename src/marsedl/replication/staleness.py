@@ -27,7 +27,7 @@ from marsedl.replication.texts import FILE as TEXTS
 
 ARTIFACTS = "data/cache/"
 RECORDS = f"{ARTIFACTS}recipes/"  # beside the artifacts, as it is they that a copy of a build must have
-BENCHMARKS, MACHINES = "data/reference/benchmarks.csv", "data/reference/machines.csv"
+BENCHMARKS = "data/reference/benchmarks.csv"
 _TEMPLATES = "src/marsedl/replication/templates"
 
 
@@ -235,7 +235,7 @@ class Recipes:
         closeups = [f"marsedl.papers.{paper}.closeups:{name}" for paper, name in shown]
         places = [*(f"papers/{paper}" for paper in self.papers), "comparison"]
         templates = sorted(path.name for path in (self.root / _TEMPLATES).glob("*.*"))
-        files = [BENCHMARKS, MACHINES, *(f"src/marsedl/{place}/{TEXTS}" for place in places)]
+        files = [BENCHMARKS, *(f"src/marsedl/{place}/{TEXTS}" for place in places)]
         own = {
             "size": self.size,
             "readings": {paper: self.described(paper) for paper in self.papers},
