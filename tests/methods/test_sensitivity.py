@@ -245,11 +245,3 @@ def test_each_scheme_has_its_order_against_the_matrix_exponential(scheme, order)
         final = propagate_columns(scheme_transitions(scheme, matrices, 2.0 / intervals), np.eye(2))[-1]
         errors.append(np.abs(final - expm(2.0 * constant)).max())
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), order, atol=0.1)
-
-
-def test_an_unknown_scheme_and_missing_points_are_refused():
-    matrices, _, step = scheme_example("trapezoid")
-    with pytest.raises(ValueError, match="scheme: 'euler' is none of midpoint, trapezoid, hermite_simpson"):
-        scheme_transitions("euler", matrices, step)
-    with pytest.raises(ValueError, match=r"matrices must have shape \(N, 3, n, m\) by hermite_simpson"):
-        scheme_transitions("hermite_simpson", matrices, step)

@@ -28,7 +28,7 @@ from marsedl.papers.funnels.records import (
     Optima,
     Proven,
 )
-from marsedl.plotting.style import BLACK, BLUE, GREEN, ORANGE, SKY, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREEN, VERMILION
 from marsedl.replication import artifacts
 from marsedl.replication.jobs import arguments_of
 from marsedl.replication.units import DEGREE, KM
@@ -313,24 +313,3 @@ def test_bands_have_every_state_in_its_unit(draw, records):
     assert labels(figure)[0] == "funnel"
     wide = draw("bands", funnel=replace(funnel, half_width=1e6 * funnel.half_width))
     assert wide.axes[3].get_ylim()[1] < 6.0 and labels(wide)[0] == "funnel, beyond the axes"
-
-
-def test_euler_marks_stages_where_it_is_no_bound(draw, records):
-    discretization = records["discretization"]
-    stages, orders, levels = draw("euler").axes
-    for row, spacing, line in zip(
-        discretization.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True
-    ):
-        count = FINE // spacing
-        np.testing.assert_allclose(
-            line.get_xydata(), np.transpose([20.0 * spacing * np.arange(count), 100 * row[:count]])
-        )
-    below = [line.get_ydata() for line in stages.lines if line.get_marker() == "."]
-    assert np.concatenate(below).max() < 0.0
-    assert sum(map(len, below)) == np.count_nonzero(discretization.excess < 0.0) > 0
-    (shortfall,) = curves(orders, VERMILION, least=2)
-    np.testing.assert_allclose(shortfall.get_xydata(), [[80.0, 2.0], [40.0, 1.0]])
-    for color, number in ((BLUE, 0), (ORANGE, 1)):
-        largest, last = curves(levels, color, least=2)
-        np.testing.assert_array_equal(largest.get_xydata(), np.transpose([[4, 7], discretization.peak_level[number]]))
-        np.testing.assert_array_equal(last.get_ydata(), discretization.final_level[number])
