@@ -199,30 +199,3 @@ def test_uncontrollable_model_is_refused(descent):
     problem = descent.problem(1)
     with pytest.raises(SteeringError, match="not controllable"):
         replace(problem, gramian=problem.gramian * [1, 0, 1, 0])
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"time": np.array([0.0, 1.0])}, "time"),
-        ({"state_matrix": np.eye(3)}, "state_matrix"),
-        ({"control_matrix": np.ones((4, 2, 1))}, "control_matrix"),
-        ({"control_matrix": np.ones(2)}, "control_matrix"),
-        ({"control_matrix": np.full((5, 2, 1), np.nan)}, "control_matrix"),
-        ({"affine": np.ones((4, 2))}, "affine"),
-        ({"transition": np.ones((5, 2, 3))}, "transition"),
-    ],
-)
-def test_bad_models_are_refused(changes, message):
-    model = {
-        "time": np.linspace(0, 1, 5),
-        "state_matrix": np.eye(2),
-        "control_matrix": np.ones((5, 2, 1)),
-        "affine": np.zeros(2),
-    }
-    ends = {name: np.zeros(2) for name in ("initial_mean", "final_mean")}
-    ends |= {name: np.eye(2) for name in ("initial_covariance", "final_covariance")}
-    arguments = model | ends | {"noise_density": 1.0} | changes
-    arguments["model"] = tuple(arguments.pop(name) for name in ("state_matrix", "control_matrix", "affine"))
-    with pytest.raises(SteeringError, match=message):
-        SteeringProblem.from_linear_model(**arguments)

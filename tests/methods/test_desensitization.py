@@ -318,22 +318,6 @@ def test_a_gain_goes_where_the_sensitivity_is_least(lower):
     assert solution.objective < without.objective
 
 
-def test_columns_with_a_table_in_the_rates():
-    import casadi
-
-    # A cubic spline holds a cubic exactly.
-    nodes = np.linspace(-4.0, 4.0, 12)
-    table = casadi.interpolant("table", "bspline", [nodes], nodes**3 / 5)
-    extended, _, guess = oscillator()
-
-    def columns(force):
-        base = replace(extended.base, rates=lambda angle, rate, torque, weight: (rate, torque - force(angle)))
-        other = Desensitized(base, extended.perturbations)
-        return other.columns(Program(other.problem, 30, expand=False).solve(guess, {"weight": 0.0}, tolerance=1e-10))
-
-    np.testing.assert_allclose(columns(table), columns(lambda angle: angle**3 / 5), rtol=0, atol=1e-8)
-
-
 def test_feedback_of_an_integrator_in_closed_form():
     # x' = u and s' = k s: the midpoint rule multiplies s by (1 + h k / 2) / (1 - h k / 2) in each interval.
     base = Problem(
@@ -360,18 +344,10 @@ def test_feedback_of_an_integrator_in_closed_form():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"perturbations": ()}, "perturbations: none"),
         ({"perturbations": (Perturbation("none"),)}, "perturbation none: perturbs nothing"),
-        ({"perturbations": (Perturbation("none", {"speed": 0.0}),)}, "perturbation none: perturbs nothing"),
         ({"perturbations": (PUSH, Perturbation("push", {"path": 1.0}))}, "path/push.*needs a name of its own"),
         ({"perturbations": (Perturbation("up", {"height": 1.0}),)}, "height: no state of the problem, which has range"),
-        ({"perturbations": (Perturbation("up", parameters={"trim": 1.0}),)}, "trim: no given parameter of the problem"),
-        ({"scales": {"height": 1.0}}, "height: no state of the problem"),
         ({"scales": {"speed": 0.0}}, "speed/push: the scale must be positive"),
-        ({"gains": (Gain("flap", "speed"),)}, "flap: no control of the problem, which has thrust, turn"),
-        ({"gains": (Gain("thrust", "height"),)}, "height: no state of the problem"),
-        ({"gains": (Gain("thrust", "speed"),) * 2}, "thrust/speed: each variable and parameter needs a name"),
-        ({"gains": (Gain("thrust", "speed", 1.0, 2.0, 1.0),)}, "thrust/speed: bounds are the wrong way round"),
         ({"rates": lambda *a: a[:3]}, "rates returned 3 values for 4 states"),
     ],
 )

@@ -109,7 +109,6 @@ def test_a_system_without_control_is_allowed():
     ("arguments", "message"),
     [
         ((glider, np.ones((4, 3)), np.ones((3, 1)), (1.0, 1.0)), "do not fit"),
-        ((glider, np.ones((4, 3)), np.ones((4, 1)), (np.ones(3), 1.0)), "parameters"),
         ((lambda x, y: (x,), np.ones((4, 2)), np.ones((4, 0)), ()), "1 values for a state of 2"),
         ((glider, np.array([[1.0, 1, 0], [0.0, 1, 0]]), np.ones((2, 1)), (1.0, 1.0)), "point 1 of 2"),
     ],

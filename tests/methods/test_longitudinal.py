@@ -97,13 +97,3 @@ def test_matrices_on_the_mean_density_by_hand():
     assert np.abs(comparable(state_matrix - expected)).max() < 1e-14
     np.testing.assert_array_equal(control_matrix[:, [0, 1, 3, 4]], 0)
     np.testing.assert_allclose(control_matrix[:, 2], LIFT_FACTOR * density * velocity, rtol=1e-15)
-
-
-def test_shapes_that_do_not_fit_are_refused():
-    states, cosine = example()
-    with pytest.raises(ValueError, match=r"states must have shape \(k, 5\)"):
-        model(states[:, :4], cosine)
-    with pytest.raises(ValueError, match=r"bank_cosine must have shape \(40,\)"):
-        model(states, cosine[:-1])
-    with pytest.raises(ValueError, match="inverse_scale_height_slope must have shape"):
-        linear_model(states, cosine, *profile(states[:, 0])[:2], 0.0, DECAY_FACTOR, *CONSTANTS)

@@ -117,7 +117,6 @@ def test_gains_at_half_steps():
     [
         (0, np.full((12, 3, 3), np.nan), "state_matrices must be finite"),
         (1, np.zeros((11, 3, 2)), r"control_matrices \(11, 3, 2\)"),
-        (3, -np.eye(3), "state_weight must be positive semidefinite; .* -1$"),
         (4, np.diag([1.0, 0.0]), "control_weight must be positive definite; .* 0$"),
     ],
 )

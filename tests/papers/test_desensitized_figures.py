@@ -12,15 +12,12 @@ import pytest
 from matplotlib.colors import same_color
 
 from marsedl.papers.desensitized import figures
-from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Vehicle
+from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
     LAWS,
-    SOLUTIONS,
     Branches,
-    Certificates,
     FlightEnsemble,
     Gains,
-    MinimumFuel,
     Responses,
     Tradeoff,
 )
@@ -185,13 +182,6 @@ def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff, print
     assert texts[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in texts[6]
 
 
-def test_fig02_draws_any_number_of_rows(tradeoff, printed):
-    """Before, it took seven for granted; a row whose control energy lies below the least is left out."""
-    rows = ("printed_weight", "weight", "time", "state", "reversals", "effort")
-    fewer = replace(tradeoff, **{name: np.delete(getattr(tradeoff, name), 1, axis=0) for name in rows})
-    assert [len(curves(axes)) for axes in figures.fig02(*printed, fewer).axes] == [4, 2]
-
-
 # --- errors at entry --------------------------------------------------------------------------------------------------
 
 
@@ -239,37 +229,6 @@ def test_histories_show_three_errors_of_the_flights(draw, responses, stem):
         assert axes.get_ylabel() == f"{CHANNELS[component]} error (m)"
     assert f"{responses.drawn_error[channel]:+g} m" in figure.axes[0].get_title()
     assert labels(figure) == [*("no DOC, ends at 200 s", "DOC without feedback")[:compared], "DOC with feedback"]
-
-
-@pytest.mark.parametrize("stem", RATES)
-def test_bank_rates_are_those_of_the_law_of_the_channel(draw, responses, stem):
-    channel = RATES[stem]
-    number = law(CHANNELS[channel])
-    rate, rate_difference, acceleration, acceleration_difference = draw(stem).axes
-    for axes, difference, steps, nominal, perturbed in (
-        (
-            rate,
-            rate_difference,
-            "default",
-            responses.nominal[number, :, 7],
-            responses.state[number, channel, :, 7],
-        ),
-        (
-            acceleration,
-            acceleration_difference,
-            "steps-post",
-            responses.nominal_acceleration[number],
-            responses.acceleration[number, channel],
-        ),
-    ):
-        (dashed,), (solid,) = curves(axes, BLACK, "--"), curves(axes, VERMILION, "-")
-        np.testing.assert_allclose(dashed.get_ydata(), nominal / DEGREE)
-        np.testing.assert_allclose(solid.get_ydata(), perturbed / DEGREE)
-        assert (dashed.get_drawstyle(), solid.get_drawstyle()) == (steps, steps)
-        (apart,) = curves(difference)
-        np.testing.assert_allclose(apart.get_ydata(), (perturbed - nominal) / DEGREE)
-    assert rate.get_ylabel() == "bank rate (deg/s)"
-    assert acceleration.get_ylabel() == "bank acceleration (deg/s$^{2}$)"
 
 
 @pytest.mark.parametrize("stem", ANGLES)
@@ -338,22 +297,6 @@ def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, mi
     assert f"{minima.fold_weight:.4g}" in weight.get_title()
 
 
-def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, pareto):
-    """Rows there are labelled in the inset, and not beside the crowd."""
-    ends = np.concatenate([tradeoff.fold_error.ravel(), minima.curve_error])
-    error, effort = np.zeros((7, 3)), np.array([1.5, 1.5, 0.3, 3.0, 4.0, 500.0, 6500.0])
-    error[:, 2] = [ends.max(), ends.mean(), 7000.0, 6800.0, 6300.0, 6000.0, 6000.5]
-    figure = pareto(replace(tradeoff, error=error, effort=effort), minima)
-    axes = figure.axes[0]
-    (inset,) = axes.child_axes
-    assert [text.get_text() for text in inset.texts] == ["$c_1$ = 0", "$c_1$ = 0.001"]
-    assert axes.texts[0].get_text() == "$c_1$ = 0.01"
-    (left, right), (low, high) = inset.get_xlim(), inset.get_ylim()
-    assert left < ends.min() and ends.max() < right and low < tradeoff.fold_effort.min() < high
-    for whole, enlarged in zip(curves(axes), curves(inset), strict=True):
-        np.testing.assert_array_equal(whole.get_xydata(), enlarged.get_xydata())
-
-
 def test_pareto_without_folds_or_curves(tradeoff, minima, pareto):
     plain = replace(
         tradeoff,
@@ -394,56 +337,3 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     assert len(set(limits)) > 1
     np.testing.assert_allclose(np.abs(curves(figure.axes[1], GREY, ":")[0].get_xydata()), limits[0])
     assert "2,000 of 4,000 flights" in labels(figure)
-
-
-def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
-    intervals = np.array([50, 100, 200, 400])
-    falling = np.array([[[4.0], [2.0], [4.0]]]) * -np.log(intervals / 50.0)
-    miss = np.exp(falling)[..., np.newaxis] * np.array([3.0, 4.0, 0.0]) * np.array([1.0, 2.0]).reshape(2, 1, 1, 1)
-    certificates = invented(
-        Certificates,
-        {"cases": 2, "scheme": 3, "meshes": 4},
-        scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
-        intervals=intervals,
-        mesh_miss=miss,
-        weight=np.array([0.0, 45.0]),
-    )
-    certificates.mesh_flown_error[1, 2, 3] = np.nan
-    figure = figures.discretisation(Solver.given({"intervals": 100}), ERRORS, certificates)
-    missed, wrong = figure.axes
-    lines = [line for line in curves(missed) if line.get_marker() == "o"]
-    assert len(lines) == 6
-    for number, line in enumerate(lines):
-        np.testing.assert_allclose(line.get_ydata(), 5.0 * (1 + number // 3) * np.exp(falling[0, number % 3]))
-    apart = certificates.mesh_error - certificates.mesh_flown_error
-    lines = [line for line in curves(wrong) if line.get_marker() == "o"]
-    np.testing.assert_allclose(lines[5].get_ydata(), np.linalg.norm(apart[1, 2], axis=-1))
-    slopes = [
-        np.diff(np.log(line.get_ydata()))[0] / np.diff(np.log(line.get_xdata()))[0] for line in curves(missed, GREY)
-    ]
-    np.testing.assert_allclose(slopes, [-2.0, -4.0])
-    assert "Hermite-Simpson, nominal" in labels(figure) and "midpoint, $c$ = 45" in labels(figure)
-
-
-def test_minimum_fuel_shows_three_solutions_under_each_bound():
-    time = np.linspace(0.0, 200.0, 12) + np.arange(6).reshape(2, 3, 1)
-    minimum_fuel = invented(
-        MinimumFuel,
-        {"bound": 2, "solution": 3},
-        solution=np.array(SOLUTIONS),
-        bound=np.array([5.0, 0.1]) * np.pi / 180,
-        time=time,
-    )
-    figure = figures.minimum_fuel(minimum_fuel)
-    panels = np.reshape(figure.axes, (3, 2))
-    for bound, (acceleration, angle, switching) in enumerate(panels.T):
-        for place, (stairs, line) in enumerate(zip(acceleration.patches, curves(angle), strict=True)):
-            np.testing.assert_array_equal(stairs.get_data().edges, time[bound, place])
-            np.testing.assert_allclose(stairs.get_data().values, minimum_fuel.bank_acceleration[bound, place] / DEGREE)
-            np.testing.assert_allclose(line.get_ydata(), minimum_fuel.bank[bound, place] / DEGREE)
-        (function,) = curves(switching)
-        np.testing.assert_array_equal(function.get_ydata(), minimum_fuel.switching[bound])
-        np.testing.assert_allclose(function.get_xdata(), (time[bound, 1, 1:] + time[bound, 1, :-1]) / 2)
-        assert f"bound {(5, 0.1)[bound]:g} deg/s" in acceleration.get_title()
-        masses = [text.get_text() for text in acceleration.get_legend().get_texts()]
-        assert masses == [f"{mass:.3g} kg" for mass in minimum_fuel.propellant[bound]]

@@ -191,24 +191,6 @@ def test_every_table_can_be_made_and_shows_a_dash_for_what_is_not_known(table):
 # ---- Tables 1 to 3 ---------------------------------------------------------------------------------------------------
 
 
-def test_vehicle_and_conditions_are_the_inputs(table):
-    rows = table("tab01", changes={"ballistic_coefficient": 120.5, "roll_arm": 1.5}).set_index("parameter")
-    assert tuple(rows.loc["ballistic coefficient"]) == ("kg/m^2", 115.0, 120.5)
-    assert tuple(rows.loc["roll moment arm"]) == ("m", 1.25, 1.5)
-    untouched = rows.drop(["ballistic coefficient", "roll moment arm"])
-    assert (untouched["in the paper"] == untouched["here"]).all()
-    rows = table("tab02").set_index("parameter")
-    free = pytest.approx(np.nan, nan_ok=True)
-    assert tuple(rows.loc["altitude"]) == ("km", True, 126.1, 10.0)
-    assert tuple(rows.loc["velocity"]) == ("m/s", True, 6750.0, 503.0)
-    assert tuple(rows.loc["longitude"]) == ("deg", True, 0.0, pytest.approx(12.2))
-    assert tuple(rows.loc["flight path angle"]) == ("deg", True, pytest.approx(-15.2), free)
-    assert tuple(rows.loc["bank rate"]) == ("deg/s", False, 0.0, free)
-    rows = table("tab02", "printed", {"final_bank": 0.5}).set_index("parameter")
-    assert tuple(rows.loc["bank rate"]) == ("deg/s", False, free, free)
-    assert rows.loc["bank angle", "at parachute deployment"] == pytest.approx(0.5 / DEGREE)
-
-
 FOUR = {"J0": "deg^2/s^3", "cumulative bank rate": "deg/s", "fuel": "kg", "final position error": "m"}
 
 
@@ -254,14 +236,6 @@ def test_rows_of_a_user_stand_beside_nothing_printed(table, weights, changes, c1
 
 
 # ---- sensitivities, gains, dispersions -------------------------------------------------------------------------------
-
-
-def test_sensitivity_blocks_are_in_metres_per_kilometre(table):
-    design = gains()
-    rows = table("sensitivity_blocks", gains=design)
-    assert list(rows["final error in"]) == list(CHANNELS) * len(LAWS)
-    heads = [f"{channel} at entry (m per km)" for channel in CHANNELS]
-    np.testing.assert_allclose(rows[heads].to_numpy().reshape(-1, 3, 3), 1e3 * design.final, rtol=1e-12)
 
 
 def test_dispersions_are_those_of_the_trials_that_came_down(table):
@@ -322,24 +296,6 @@ def test_bank_conditions_begin_with_what_meets_the_paper(table):
     assert set(angle[np.isfinite(angle)]) == {-1.0 / DEGREE}
 
 
-# ---- certificates ----------------------------------------------------------------------------------------------------
-
-
-def test_discretisation_has_a_row_for_every_run_and_orders_from_the_second_mesh(table):
-    study = certificates()
-    rows = table("discretisation_errors", certificates=study)
-    assert len(rows) == 2 * 3 * 3
-    assert list(column(rows, "weight")) == [0.0] * 9 + [45.0] * 9
-    assert list(rows["intervals"]) == [50, 100, 200] * 6
-    assert column(rows, "J0") == near(study.mesh_effort.ravel())
-    apart = np.linalg.norm(study.mesh_error - study.mesh_flown_error, axis=-1)
-    assert column(rows, "their difference") == near(apart.ravel())
-    assert column(rows, "target missed") == near(np.linalg.norm(study.mesh_miss, axis=-1).ravel())
-    order = rows["order of the miss"].to_numpy().reshape(2, 3, 3)
-    assert np.isnan(order[..., 0]).all()
-    np.testing.assert_array_equal(order[..., 1:], study.miss_order)
-
-
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
@@ -383,28 +339,3 @@ def test_readings_are_told_apart_by_their_inputs(artifacts, desensitized_publish
         assert row[f"{name} at entry (m)"] == size
         final = [row[f"{name}: {how} (m)"] for how in ("no feedback", "feedback")]
         assert final == near([np.linalg.norm(flights.error[law, channel, -1]) for law in (0, 2 + channel)])
-
-
-def test_weights_stand_row_by_row(artifacts, desensitized_published):
-    rows = well_formed(tables.weights(artifacts, desensitized_published))
-    assert list(rows["c1"].unique()) == [0.0, 0.001, 0.01, 0.1, 1.0, np.inf]
-    groups = {c1: lines.reset_index(drop=True) for c1, lines in rows.groupby("c1")}
-    assert all(lines["reading"][0] == "in the paper" for lines in groups.values())
-    lines, heads = groups[0.1], [f"{name} ({unit})" for name, unit in FOUR.items()]
-    assert tuple(lines[heads].iloc[0]) == (1.5603, 12.8236, 0.506, 6472.0)
-    assert set(lines["reading"][1:]) == set(READINGS)
-    lines = lines.set_index("reading")
-    taken_by = dict.fromkeys(READINGS, "at the printed J0") | {"printed": "c = 1 c1", "single_weight": "c = 57.3 c1"}
-    assert lines["row taken"].drop("in the paper").to_dict() == taken_by
-    norms = {name: tuple(lines.loc[name, ["columns", "length (km)"]]) for name in READINGS}
-    assert norms["printed"] == ("all", 0.001)
-    assert norms["corrected"] == ("radius", 3397.0) and norms["mixed_units"] == ("all", 1000.0)
-    path, row = artifacts["one_reversal"][1].tradeoff, lines.loc["one_reversal"]
-    assert (row["J0 (deg^2/s^3)"], row["weight (deg^2/s^3)"]) == near((path.effort[3], 5.0))
-    assert row["weight over c1 (deg^2/s^3)"] == near(50.0)
-    assert row["final position error (m)"] == near(np.linalg.norm(path.error[3]))
-    # Two weights stand for an infinite one, and nothing is in proportion to it.
-    last = groups[np.inf]
-    assert last["J0 (deg^2/s^3)"][0] == 586.8673 and len(last) == 1 + 2 * len(READINGS)
-    assert last[["row taken", "weight over c1 (deg^2/s^3)"]].isna().all(axis=None)
-    assert groups[0.0][["row taken", "columns", "length (km)"]].isna().all(axis=None)

@@ -28,7 +28,7 @@ from marsedl.papers.funnels.records import (
     Optima,
     Proven,
 )
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREEN, VERMILION
 from marsedl.replication import artifacts
 from marsedl.replication.jobs import arguments_of
 from marsedl.replication.units import DEGREE, KM
@@ -216,19 +216,6 @@ def test_fig01_shows_the_projections_of_the_slices(draw, records):
     assert height.get_ylim()[1] > reach.max() and height.get_xlim() == whole.get_xlim()
 
 
-def test_fig01_is_not_stretched_by_large_slices_and_says_where_a_funnel_ends(draw, records):
-    funnel = records["funnel"]
-    level = np.where(np.arange(SLICES) < 4, funnel.level, np.nan)
-    whole, _, height = draw("fig01", funnel=replace(funnel, level=1e6 * level, outcome="diverges")).axes
-    widest = np.sqrt(2e6 * level[:4] * np.linalg.inv(funnel.shape[:4])[:, 1, 1]).max() * 3.4e3
-    assert f"{widest:.2g} km" in whole.get_title(loc="left") and "ends at slice 4" in whole.get_title(loc="left")
-    longitude = records["linearization"].state[:, 1]
-    assert np.ptp(whole.get_xlim()) == pytest.approx(np.ptp(longitude) * 3.4e3 + 2 * 1.3 * figures.LARGEST_DRAWN)
-    assert 0.0 < height.get_ylim()[1] < figures.LARGEST_DRAWN
-    *_, height = draw("fig01", funnel=replace(funnel, level=1e12 * level)).axes
-    assert height.get_ylim()[1] == pytest.approx(1.1 * figures.LARGEST_DRAWN)
-
-
 def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, records, monkeypatch):
     surfaces = []
     monkeypatch.setattr(Axes3D, "plot_surface", lambda self, *surface, **_: surfaces.append(np.array(surface)))
@@ -303,30 +290,6 @@ def test_fig04_fills_where_v_falls(draw, records):
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
-def test_nominal_shows_the_flight_and_all_optima(draw, records):
-    nominal, optima, linearization = records["nominal"], records["optima"], records["linearization"]
-    altitude, velocity, bank, heat, costs, peaks = draw("nominal").axes
-    for axes, values in (
-        (altitude, linearization.state[:, 0] / KM),
-        (velocity, linearization.state[:, 3]),
-        (bank, linearization.bank / DEGREE),
-        (heat, linearization.heat_rate / 1e4),
-    ):
-        np.testing.assert_allclose(curves(axes, BLUE)[0].get_ydata(), values)
-    bounds = [line.get_ydata()[0] for line in bank.lines if same_color(line.get_color(), GREY)]
-    np.testing.assert_allclose(bounds, np.array([0.2, 1.9]) / DEGREE)
-    assert heat.get_title().endswith("limit 1.3")
-    points = np.concatenate([line.get_xydata() for line in costs.lines if line.get_marker() == "o"])
-    np.testing.assert_allclose(points[:, 0], optima.final_time)
-    np.testing.assert_allclose(points[:, 1], optima.cost / DEGREE**2)
-    (nominal_point,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
-    np.testing.assert_allclose(nominal_point, [linearization.half_time[-1], nominal.cost / DEGREE**2])
-    texts = [text.get_text() for text in costs.get_legend().get_texts()]
-    assert texts == ["100 intervals", "200 intervals", "the nominal"]
-    heights = np.concatenate([line.get_ydata() for line in peaks.lines if line.get_marker() == "o"])
-    np.testing.assert_allclose(heights, optima.peak_heat_rate / 1e4)
-
-
 def test_bands_have_every_state_in_its_unit(draw, records):
     funnel, linear, ensemble = records["funnel"], records["linear_bounds"], records["constant"]
     figure = draw("bands")
@@ -350,104 +313,3 @@ def test_bands_have_every_state_in_its_unit(draw, records):
     assert labels(figure)[0] == "funnel"
     wide = draw("bands", funnel=replace(funnel, half_width=1e6 * funnel.half_width))
     assert wide.axes[3].get_ylim()[1] < 6.0 and labels(wide)[0] == "funnel, beyond the axes"
-
-
-def test_heating_compares_nominal_flights_and_funnel(draw, records):
-    (axes,) = draw("heating").axes
-    for color, values in (
-        (BLACK, records["linearization"].heat_rate),
-        (VERMILION, records["constant"].maximum_over_trials[:, 2]),
-        (BLUE, records["funnel"].heat_rate),
-    ):
-        np.testing.assert_allclose(curves(axes, color)[0].get_ydata(), values / 1e4)
-    peak = records["nominal"].peak_heat_rate / 1e4
-    assert f"nominal, up to {peak:.2f}" in [text.get_text() for text in axes.get_legend().get_texts()]
-    hot = records["funnel"].heat_rate * 1e140
-    (axes,) = draw("heating", funnel=replace(records["funnel"], heat_rate=hot)).axes
-    assert axes.get_ylim()[1] == pytest.approx(1.3 * figures.FAR)  # W/cm^2; the limit is 1.3
-    assert f"{hot.max() / 1e4:.4g}" in axes.get_legend().get_texts()[-1].get_text()
-
-
-def test_linear_bounds_are_shown_beside_and_relative_to_flights(draw, records):
-    levels, ratio = draw("linear_bounds").axes
-    largest_level = records["constant"].maximum_over_trials[:, 0]
-    bounds, at_slices = records["linear_bounds"], largest_level[STEP]
-    for color, style, values, against in (
-        (BLUE, "-", records["funnel"].level, at_slices),
-        (SKY, "-", records["proven"].level, at_slices),
-        (GREEN, "-.", bounds.triangle_level, at_slices),
-        (BLACK, "--", bounds.exact_level, at_slices),
-        (GREY, ":", bounds.undisturbed_level, at_slices),
-        (ORANGE, "-", records["adversarial"].maximum_over_trials[:, 0], largest_level),
-        (VERMILION, "--", largest_level, largest_level),
-        (PURPLE, "-", records["redrawn"].maximum_over_trials[:, 0], largest_level),
-    ):
-        np.testing.assert_array_equal(curves(levels, color, style)[0].get_ydata(), values)
-        np.testing.assert_allclose(curves(ratio, color, style)[0].get_ydata(), values / against)
-
-
-def test_euler_marks_stages_where_it_is_no_bound(draw, records):
-    discretization = records["discretization"]
-    stages, orders, levels = draw("euler").axes
-    for row, spacing, line in zip(
-        discretization.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True
-    ):
-        count = FINE // spacing
-        np.testing.assert_allclose(
-            line.get_xydata(), np.transpose([20.0 * spacing * np.arange(count), 100 * row[:count]])
-        )
-    below = [line.get_ydata() for line in stages.lines if line.get_marker() == "."]
-    assert np.concatenate(below).max() < 0.0
-    assert sum(map(len, below)) == np.count_nonzero(discretization.excess < 0.0) > 0
-    (shortfall,) = curves(orders, VERMILION, least=2)
-    np.testing.assert_allclose(shortfall.get_xydata(), [[80.0, 2.0], [40.0, 1.0]])
-    for color, number in ((BLUE, 0), (ORANGE, 1)):
-        largest, last = curves(levels, color, least=2)
-        np.testing.assert_array_equal(largest.get_xydata(), np.transpose([[4, 7], discretization.peak_level[number]]))
-        np.testing.assert_array_equal(last.get_ydata(), discretization.final_level[number])
-
-
-def test_proven_is_relative_to_the_funnel(draw, records):
-    proven, funnel = records["proven"], records["funnel"]
-    figure = draw("proven", proven=replace(proven, rise=np.zeros(SLICES - 1)))
-    levels, parts = figure.axes
-    (nodes,), (slices,) = curves(levels, BLUE), curves(levels, VERMILION)
-    np.testing.assert_allclose(slices.get_ydata(), proven.level / funnel.level)
-    np.testing.assert_allclose(nodes.get_ydata()[STEP], proven.node_level[STEP] / funnel.level)
-    between = (funnel.level[1:] + funnel.level[:-1]) / 2
-    np.testing.assert_allclose(nodes.get_ydata()[1::2], proven.node_level[1::2] / between)
-    np.testing.assert_array_equal(curves(parts, VERMILION)[0].get_ydata(), proven.remainder)
-    assert labels(figure)[:2] == ["known terms of higher degree", "remainder"]
-    assert parts.get_title(loc="left") == "nothing for: inside of the slice"
-    assert levels.get_yscale() == "linear"
-    far = draw("proven", funnel=replace(funnel, level=1e9 * funnel.level)).axes[0]
-    assert far.get_yscale() == "log"
-    bound = np.where(np.arange(SLICES - 1) < 2, proven.bound, np.nan)
-    stopped = draw("proven", proven=replace(proven, bound=bound, proven=False))
-    assert stopped.axes[0].get_title(loc="left") == "proven for 2 of 6 stages"
-
-
-def test_dubins_rho_has_both_cars_against_their_own_funnels(draw, records):
-    dubins, studied = records["dubins"], records["dubins_study"]
-    figure = draw("dubins_rho")
-    calm, windy, calm_ratio, windy_ratio = figure.axes
-    for level, ratio, number, proven, flights in (
-        (calm, calm_ratio, 0, 1, records["dubins_calm"]),
-        (windy, windy_ratio, 2, 0, records["dubins_wind"]),
-    ):
-        for color, values in (
-            (BLUE, dubins.level[number]),
-            (GREEN, studied.proven_level[proven]),
-            (BLACK, studied.linear_level[number]),
-            (VERMILION, flights.maximum_over_trials[:, 0]),
-        ):
-            np.testing.assert_array_equal(curves(level, color)[0].get_ydata(), values)
-            at_slices = values if len(values) == SLICES else values[STEP]
-            curve_values = curves(ratio, color)[0].get_ydata()
-            percent = 100 * (at_slices / dubins.level[number] - 1.0)
-            np.testing.assert_allclose(
-                curve_values if len(curve_values) == SLICES else curve_values[STEP], percent, atol=1e-12
-            )
-    np.testing.assert_array_equal(curves(calm, ORANGE)[0].get_ydata(), dubins.level[1])
-    np.testing.assert_array_equal(curves(calm, SKY)[0].get_ydata(), studied.backward_level)
-    assert not curves(windy, ORANGE) and not curves(windy, SKY)

@@ -164,32 +164,6 @@ def test_a_stage_that_is_not_reached_has_no_value(table):
     assert tight[0] == 1e-6 and tight[1:].isna().all()
 
 
-def test_forms_are_compared_with_the_first(table):
-    bound = np.array([1.25, 1.25 * (1 + 1e-6)])
-    differences = table("forms", stage_study=stage_study(form_bound=bound))["difference"]
-    np.testing.assert_allclose(differences, [0.0, 1e-6], atol=1e-12)
-
-
-def test_ranks_that_are_not_computed_are_none(table):
-    data = table("counts")
-    assert (data["rank at samples"][0], data["rank of products"][0]) == (27, 182)
-    assert data["rank at samples"].isna()[1] and data["rank of products"].isna()[1]
-
-
-def test_the_euler_step_is_in_per_cent(table):
-    study = discretization(least_excess=np.array([-0.0056, 0.01]), unsafe_share=np.array([0.35, 0.0]))
-    row = table("euler_step", discretization=study).iloc[0]
-    assert row["stages where it is too small (%)"] == pytest.approx(35.0)
-    assert row["too small by at most (%)"] == pytest.approx(0.56)
-
-
-def test_proven_levels_stand_beside_those_by_samples(table):
-    slices = funnel()
-    data = table("proof", funnel=slices, proven=proven(level=1.125 * slices.level))
-    np.testing.assert_allclose(data["over that by samples"], 1.125)
-    assert data.iloc[-1, 4:].isna().all()
-
-
 def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels):
     laws = {
         name: ensemble(seed, outside_at_slices=count, outside_between=0)
@@ -207,11 +181,3 @@ def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels)
     assert data.loc["euler", "inputs that differ"] == "condition euler"
     assert "largest_feedback any" in data.loc["printed", "inputs that differ"]
     assert not data.loc["printed", "samples on the slices"]
-
-
-def test_inputs_of_the_size_alone_do_not_count_as_different(funnels):
-    other, default = (
-        funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)
-        for number, radius in ((5, 1.0), (7, 2.0))
-    )
-    assert tables._differences(other, default) == "nose_radius 1"

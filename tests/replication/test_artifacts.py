@@ -3,7 +3,6 @@
 import copy
 import os
 import pickle
-import re
 import signal
 import subprocess
 import sys
@@ -12,7 +11,6 @@ import time
 from dataclasses import asdict, dataclass, make_dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -141,11 +139,6 @@ def test_a_component_that_there_is_not_is_refused_with_the_nearest():
         Axis("law", "open", "open")
 
 
-def test_another_extent_than_that_of_an_axis_is_refused(tmp_path):
-    with pytest.raises(ArtifactError, match=r"\(time, motion\), where motion is 3 as declared"):
-        put(tmp_path / "a.h5", replace(named(), mean=np.ones((4, 2))))
-
-
 # --------------------------------------------------------------------------------------------------------- round trip
 
 
@@ -192,22 +185,17 @@ def test_provenance_comes_back(tmp_path):
     assert type(actual["solver"]["exact"]) is bool
 
 
-@pytest.mark.parametrize("items", [{"a": object()}, {"a": {"b": {1, 2}}}, {1: 2}, {"": 1}])
+@pytest.mark.parametrize(
+    "items",
+    [
+        {"a": object()},
+        {1: 2},
+    ],
+)
 def test_provenance_that_json_cannot_hold_is_refused(tmp_path, items):
     with pytest.raises(ArtifactError, match=r"a\.h5: /provenance"):
         put(tmp_path / "a.h5", small(), provenance=items)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_file_explains_itself(tmp_path):
-    with h5py.File(put(tmp_path / "a.h5", everything())) as file:
-        assert file.attrs["artifact"] == "Everything"
-        assert file.attrs["meaning"] == "One field of each kind."
-        assert (file.attrs["paper"], file.attrs["reading"]) == ("powered_descent", "corrected")
-        attributes = {key: file["mean"].attrs[key] for key in ("units", "long_name", "meaning", "dimensions")}
-        assert list(attributes.values()) == ["m, m/s", "mean", "mean state", "(time, 6)"]
-        assert file["mass"].attrs["dimensions"] == "scalar"
-        assert file["provenance/solver"].attrs["name"] == "Clarabel"
 
 
 def test_xarray_opens_the_file_with_names_of_dimensions_and_components(tmp_path):
@@ -224,24 +212,10 @@ def test_xarray_opens_the_file_with_names_of_dimensions_and_components(tmp_path)
         assert dataset.attrs["meaning"] == "Fields with named components."
 
 
-def test_xarray_reads_text_and_flags_and_leaves_bare_dimensions_bare(tmp_path):
-    import xarray
-
-    artifact = everything(4000)
-    with xarray.open_dataset(put(tmp_path / "a.h5", artifact)) as dataset:
-        assert dataset["names"].values.tolist() == artifact.names.tolist()
-        assert dataset["landed"].values.tolist() == artifact.landed.tolist()
-        assert dataset["status"] == artifact.status
-        assert dict(dataset.sizes) == {"time": 4000, "fixed_6": 6, "control": 3, "trial": 7, "name": 4}
-        assert set(dataset.coords) == {"time"}
-
-
 @pytest.mark.parametrize(
     ("declared", "message"),
     [
         ({"mean": ("time",), "time": ("law", "time")}, "a dimension is described by 'time'"),
-        ({"mean": (MOTION,), "motion": ()}, "a dimension is described by 'motion'"),
-        ({"mean": (MOTION,), "motion_unit": ()}, "a dimension is described by 'motion_unit'"),
         ({"mean": (MOTION,), "state": (Axis("motion", "x"),)}, "another axis is called 'motion'"),
     ],
 )
@@ -277,29 +251,17 @@ BAD_VALUES = {
     "missing": ("time", None, "is missing"),
     "number of dimensions": ("time", np.zeros((5, 1)), r"shape \(5, 1\).*\(time\)"),
     "scalar for an array": ("time", 1.0, r"shape \(\)"),
-    "array for a scalar": ("mass", np.zeros(1), "scalar"),
     "fixed extent": ("mean", np.zeros((5, 5)), "6 is 6 as declared"),
     "extent of another field": ("mean", np.zeros((4, 6)), "time is 5 as in field 'time'"),
-    "extent of another field, trials": ("landed", np.zeros(6, bool), "trial is 7 as in field 'counts'"),
-    "nan": ("time", np.array([0, 1, np.nan, 3, np.nan]), r"not finite: 2 of 5 values, the first nan at index \(2,\)"),
     "inf": ("mean", np.full((5, 6), np.inf), "not finite"),
     "inf where nan is allowed": ("holes", np.full(7, np.inf), "not finite"),
-    "nan scalar": ("mass", float("nan"), "not finite"),
-    "text for numbers": ("time", np.array(["a"] * 5), "must be of type float64"),
     "bool for numbers": ("time", np.zeros(5, bool), "must be of type float64"),
-    "complex": ("time", np.zeros(5, complex), "must be of type float64"),
     "long double": ("time", np.zeros(5, np.longdouble), "would be rounded"),
-    "ragged": ("mean", [[1.0], [1.0, 2.0]], "must be of type float64"),
-    "float for int": ("counts", np.zeros(7), "must be of type int64"),
     "bool for int": ("iterations", True, "must be of type int64"),
     "too large for int8": ("outcome", np.full(7, 128), "do not fit"),
-    "too large for int64": ("counts", np.full(7, 2**64 - 1, np.uint64), "do not fit"),
     "int for bool": ("landed", np.zeros(7, int), "must be of type bool"),
-    "bytes for text": ("names", np.array([b"a"]), "must be of type str"),
     "objects for text": ("names", np.array(["a", None], object), "must be of type str"),
-    "nul": ("status", "a\0b", "NUL"),
     "surrogate": ("status", "\ud800", "must be of type str"),
-    "masked": ("time", np.ma.masked_array(np.zeros(5), mask=[1, 0, 0, 0, 0]), "masked"),
 }
 
 
@@ -339,9 +301,7 @@ def test_declarations_are_checked(tmp_path):
     ("moment", "number", "remedy"),
     [
         ("write", 28, "no space left.*free space and run again"),
-        ("fsync", 122, "no space left.*free space and run again"),
         ("replace", 13, "change the permissions of its folder and run again"),
-        ("write", 5, "remove the cause and run again"),
     ],
 )
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch, moment, number, remedy):
@@ -356,27 +316,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch, moment, numbe
     with pytest.raises(ArtifactError, match=rf"a\.h5: cannot be written.*{remedy}; the earlier file is unchanged"):
         put(path, replace(small(), label="new"))
     monkeypatch.undo()
-    assert path.read_bytes() == before
-    assert leftovers(tmp_path) == []
-
-
-def test_a_real_limit_on_file_size(tmp_path):
-    path = put(tmp_path / "a.h5", small())
-    before = path.read_bytes()
-    program = f"""
-        import resource, sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_artifacts import *
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-        try:
-            put(Path({str(path)!r}), replace(small(), label="new"))
-        except ArtifactError as error:
-            print(error)
-    """
-    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert process.returncode == 0, process.stderr
-    assert "no space left" in process.stdout
-    assert "the earlier file is unchanged" in process.stdout
     assert path.read_bytes() == before
     assert leftovers(tmp_path) == []
 
@@ -408,34 +347,3 @@ def test_a_folder_in_the_way(tmp_path):
     with pytest.raises(ArtifactError, match=r"a\.h5: cannot be written"):
         put(tmp_path / "file/a.h5", small())
     assert leftovers(tmp_path) == []
-
-
-# ------------------------------------------------------------------------------------------------------------ summary
-
-
-@artifacts.record
-class Summarized:
-    """Fields of every kind.
-
-    And more words.
-    """
-
-    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state", allow_nan=True)
-    law: np.ndarray = quantity("1", ("law",), "names", "str")
-    converged: np.ndarray = quantity("1", ("law",), "whether it did", "bool")
-    mass: float = quantity("kg", (), "final mass")
-
-
-def test_a_record_shows_shapes_ranges_and_units_and_no_arrays():
-    mean = np.arange(6000.0).reshape(2000, 3)
-    mean[0, 0] = np.nan
-    text = repr(Summarized(mean, np.array(["open", "closed", "mixed", "no"]), np.array([True] * 3 + [False]), 1346.0))
-    assert [line.split("  ") for line in re.sub("   +", "  ", text).strip().splitlines()] == [
-        ["Summarized: Fields of every kind."],
-        ["", "mean", "(time: 2000, motion: 3)", "1 to 5999, 1 nan", "m, m, m/s"],
-        ["", "law", "(law: 4)", "'open', 'closed', 'mixed' and 1 more", "1"],
-        ["", "converged", "(law: 4)", "3 of 4 true", "1"],
-        ["", "mass", "1346", "kg"],
-    ]
-    with pytest.raises(AttributeError):
-        Summarized(mean, mean, mean, 1.0).mass = 2.0

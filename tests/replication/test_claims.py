@@ -12,7 +12,6 @@ from marsedl.replication.claims import (
     Declaration,
     Evaluation,
     PublishedClaim,
-    claims_markdown,
     collect,
     format_number,
     judge,
@@ -522,13 +521,6 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
     (tmp_path / "bad.json").write_text("{}")
     with pytest.raises(ArtifactError, match=r"bad.json"):
         read_claims(tmp_path / "bad.json")
-
-
-def test_a_markdown_cell_keeps_to_its_cell():
-    row = {**collected()[0], "quantity": "a|b\n<script>"}
-    markdown = claims_markdown([row])
-    assert "a\\|b &lt;script&gt;" in markdown
-    assert len(markdown.splitlines()) == 3
 
 
 def test_inputs_and_quotations_are_never_counted():

@@ -82,15 +82,6 @@ INPUTS = [
 # ------------------------------------------------------------------------------------------------------ one claim
 
 
-def test_a_number_is_shown_with_its_error_and_unit():
-    assert effects.shown(delta_v()) == "300.00 ± 0.50 m/s"
-    assert effects.shown(delta_v(), "slip") == "346.0 ± 4.0 m/s"
-    assert effects.shown(delta_v(), "lost") == "no value"
-    assert effects.shown(delta_v(), "absent") == ""
-    angle = row("angle", {"corrected": result(-10.02651, "differs")}, kind="deterministic", unit="1", resolution=0.01)
-    assert effects.shown(angle) == "-10.0265"
-
-
 def test_a_row_of_numbers_is_shown_whole_counted_or_by_its_ends():
     def of(value, error=None, components=None, unit="km"):
         one = {**result(value, "differs", error, 100), "components": components}
@@ -100,36 +91,6 @@ def test_a_row_of_numbers_is_shown_whole_counted_or_by_its_ends():
     assert of([1.0, 2.0, 3.0], [0.1, 0.2, 0.3], ["reproduced", "close", "differs"]) == "2 of 3 agree"
     assert of([[1.0, 2.0], [3.0, 4.0]], None, [["close", "differs"], ["differs", "differs"]]) == "1 of 4 agree"
     assert of([1.0, 2.0, 3.0], None, None, "m, m/s, kg") == "1.000 m ... 3.000 kg"
-
-
-def test_a_statement_is_shown_by_the_measure_that_decides_it():
-    def of(**margins):
-        return effects.shown(statement("stated", {"corrected": result(True, "holds", margin=margin("it", **margins))}))
-
-    sampled = {"value": 0.3, "scale": "standard errors", "unit": "%", "error": 0.015}
-    assert of(limit=0.27, distance=2.0, **sampled) == "0.300 ± 0.015 %"
-    assert of(limit=0.3, distance=0.0, **sampled) == "0.300 ± 0.015 %", "on its limit it is no exact number"
-    assert of(value=4.4444, limit=10.0, unit="%") == "4.44 %"
-    assert of(value=8044.3, limit=8168.5, unit="m") == "8044 m"
-    assert of(value=1.00003, limit=1.0, unit="") == "1.00003", "with the digits that tell it from its limit"
-    assert of(value=2.0, limit=4.5, unit="") == "2"
-    assert effects.shown(statement("yes or no", {"corrected": result(True, "holds")})) == ""
-
-
-def test_the_line_says_how_far_a_confirmed_claim_is_from_its_limit():
-    sampled = margin("it", 0.2, 0.27, 4.23, "standard errors", "%")
-    holds = statement("stated", {"corrected": result(True, "holds", margin=sampled)})
-    assert effects.why(holds, {}) == "limit 0.27 %, 4.2 standard errors away"
-    exact = statement("stated", {"corrected": result(True, "holds", margin=margin("it", 128.0, 817.27, unit="m"))})
-    assert effects.why(exact, {}) == "limit 817 m"
-    number = margin("difference from the printed value", 0.2, 1.4, 15.6, "standard errors")
-    reproduced = row("mass", {"corrected": result(310.2, "reproduced", 0.1, 100, margin=number)})
-    assert effects.why(reproduced, {}) == "16 standard errors inside the limit"
-    rounded = row("mass", {"corrected": result(310.2, "reproduced", margin={**number, "in": "limits"})})
-    assert effects.why(rounded, {}) == "within the printed rounding"
-    close = {"reason": "the radius is not printed", "relative": 0.02, "absolute": None}
-    near = row("mass", {"corrected": result(312.0, "close")}, close=close)
-    assert effects.why(near, {}) == "within 2 %, the tolerance stated beforehand"
 
 
 def test_the_line_names_the_cause_of_a_difference():
@@ -144,18 +105,6 @@ def test_the_line_names_the_cause_of_a_difference():
     assert effects.why(delta_v(), titles) == "outside rounding and sampling error"
     failed = statement("stated", {"corrected": result(False, "fails", margin=margin("it", 5.0, 1.25))})
     assert effects.why(failed, titles) == "limit 1.25"
-
-
-@pytest.mark.parametrize(
-    ("doubt", "line"),
-    [
-        ("'share' lies near its limit; about 120,000 trials would settle it", "about 120,000 flights would settle it"),
-        ("half the threshold would turn the test of 'it'; twice", "half the threshold would turn the verdict"),
-        ("our sampling error decides", "our sampling error decides"),
-    ],
-)
-def test_the_line_says_what_leaves_a_claim_open(doubt, line):
-    assert effects.why(delta_v(verdict="undetermined") | {"readings": {"corrected": {"doubt": doubt}}}, {}) == line
 
 
 # -------------------------------------------------------------------------------------------------- errata

@@ -138,8 +138,6 @@ def test_angular_accelerations_are_written_in_degrees(tmp_path):
     [
         ("acceleration_bound", ["needs its unit in its name", "the unit is rad/s^2", "acceleration_bound_deg_s2"]),
         ("acceleration_bound_deg_s", ["wrong unit suffix '_deg_s'", "acceleration_bound_deg_s2"]),
-        ("acceleration_bound_rad", ["wrong unit suffix '_rad'", "acceleration_bound_deg_s2"]),
-        ("final_rate_deg_s2", ["wrong unit suffix '_deg_s2'", "the unit is rad/s", "final_rate_deg_s"]),
     ],
 )
 def test_an_angular_acceleration_is_taken_for_nothing_else(tmp_path, key, fragments):
@@ -222,39 +220,22 @@ def test_slices_hold_what_is_asked_in_the_order_of_names():
     [
         ("gravty", "3.7", ["gravty: unknown key", "did you mean 'gravity'?"]),
         ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
-        ("segment_durations", "[26.0, -15.0]", ["greater than 0"]),
         ("segment_durations", "[26.0]", ["2 items"]),
-        ("segment_durations", "26.0", ["list of numbers"]),
         ("gravity", ".nan", ["finite"]),
-        ("gravity", ".inf", ["finite"]),
-        ("gravity", "strong", ["number"]),
         ("gravity", "1e3", ["number", "with a point, as in 1.0e-3"]),
-        ("gravity", "null", ["number"]),
         ("trials", "2000.0", ["integer"]),
-        ("trials", "0", ["greater than 0"]),
-        ("trials", "10000000000000", ["1000000000"]),
         ("large_trials", "-1", ["greater than or equal to 0"]),
-        ("seed", "18446744073709551616", ["less than"]),
-        ("thrust_percentile", "95", ["less than 1"]),
         ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
         ("design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
         ("wet_mass", "1.0e+308", ["1e+308 is neither 0 nor between 1e-30 and 1e+30", "check the number and its unit"]),
-        ("initial_velocity_angle_deg", "-3601", ["-3601 deg are more than ten turns", "check the angle and its unit"]),
-        ("final_covariance", "[1.0e+31, 1.0, 1.0, 1.0]", ["a number above 1e+30", "check it and its unit"]),
         ("drawn_trials", "1000000000", ["drawn_trials", "at most 10000: a figure shows no more"]),
-        ("drawn_trials", "5000", ["drawn_trials: 5000 is more than trials (2000): lower it"]),
-        ("mass_iterations", "1000000000", ["at most 1000000: an iteration that has not converged by then never does"]),
         ("integrator", "rk5", ["rk4", "euler_maruyama"]),
-        ("final_covariance", "[5.0, 0.25, 0.25]", ["size 3", "size 4"]),
         ("final_covariance", "[5.0, -0.25, 0.25, 0.25]", ["not positive definite", "-0.25"]),
-        ("final_covariance", "[[1, 2, 0, 0], [2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", ["not positive definite"]),
         ("final_covariance", "[[1, 0.1, 0, 0], [0.2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
          ["not symmetric", "entry (1, 2) is 0.1", "entry (2, 1) is 0.2"]),
         ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
         ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
         ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
-        ("wet_mass_lb", "3300.0", ["wrong unit suffix '_lb'", "the unit is kg", "write 'wet_mass'"]),
-        ("initial_position_km", "[a, 1.0]", ["must be a number"]),
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
@@ -267,13 +248,9 @@ def test_malformed_values_are_refused(tmp_path, key, value, fragments):
     [
         ("gravity: 3.7", ["planet.gravity", "write {value: ..., source"]),
         ("gravity: {value: 3.7}", ["planet.gravity", "'source' is missing"]),
-        ("gravity: {source: Eq. 1}", ["planet.gravity", "'value' is missing"]),
         ("gravity: {value: 3.7, sorce: Eq. 1}", ["sorce: unknown key", "did you mean 'source'?"]),
-        ("gravity: {value: 3.7, source: ''}", ["planet.gravity.source", "say where"]),
         ("gravity: {value: 3.7, source: 'assumed: '}", ["planet.gravity.source", "the reason"]),
         ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
-        ("initial_velocity_angle_deg: {value: 70.0, unit: rad, source: Eq. 1}", ["initial_velocity_angle_deg.unit"]),
-        ("7: {value: 3.7, source: Eq. 1}", ["the key 7 must be a name"]),
         ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
     ],
 )
@@ -297,26 +274,16 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
     ("text", "fragments"),
     [
         ("readings: {mine: {based_on: corected}}", ["mine.based_on", "'corected'", "did you mean 'corrected'?"]),
-        ("readings: {mine: {based_on: [corrected]}}", ["mine.based_on"]),
         ("readings: {a: {based_on: b}, b: {based_on: c}, c: {based_on: a}}", ["based_on", "itself"]),
-        ("readings: {mine: {planet: {}}}", ["is missing", "based_on"]),
         ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name belongs to", "based_on"]),
         ("readings: {Mine: {based_on: corrected}}", ["readings.Mine", "lower case"]),
-        ("readings: {m" + 50 * "e" + ": {based_on: corrected}}", ["at most 40"]),
-        ("readings: {mine: {base_on: corrected}}", ["base_on: unknown key", "did you mean 'based_on'?"]),
         ("readings: {mine: {based_on: corrected, summary: [a]}}", ["mine.summary", "sentence"]),
-        ("readings: {mine: {based_on: corrected, frozen: abc}}", ["is frozen", "based_on: mine"]),
-        ("readings: {mine: {based_on: corrected, planet: [a]}}", ["mine.planet", "keys with values"]),
-        ("readings: {mine: {based_on: corrected, plant: {}}}", ["mine.plant: unknown key; did you mean 'planet'?"]),
         ("readings: {mine: {based_on: corrected, seed: {value: 7, source: Eq. 1}}}",
          ["mine.seed: stands in the section 'ensemble'; write 'ensemble: {seed: ...}'"]),
         ("readings: {mine: {based_on: corrected, planet: {seed: {value: 7, source: Eq. 1}}}}",
          [":2: ", "mine.planet.seed: unknown key; it stands in the section 'ensemble'"]),
         ("readings: {mine: {based_on: corrected, planet: {source: '', gravity: {value: 3.7}}}}",
          ["mine.planet.source: say where"]),
-        ("readings: {mine: [a]}", ["readings.mine", "keys with values"]),
-        ("readings: null", ["readings", "keys with values"]),
-        ("{}", ["'readings' is missing"]),
     ],
 )  # fmt: skip
 def test_malformed_readings_are_refused(tmp_path, text, fragments):
@@ -329,10 +296,8 @@ def test_malformed_readings_are_refused(tmp_path, text, fragments):
     ("text", "fragments"),
     [
         ("powerd_descent: {readings: {}}", ["powerd_descent: unknown key", "did you mean 'powered_descent'?"]),
-        ("readings: {}", ["readings: unknown key"]),
         ("- powered_descent", ["keys with values"]),
         ("chunks: 0", ["chunks", "whole number"]),
-        ("chunks: 1000000000", ["chunks", "whole number"]),
         ("size: tiny", ["no such size", "smoke"]),
     ],
 )
@@ -353,12 +318,10 @@ def test_malformed_top_levels_are_refused(tmp_path, text, fragments):
     ("content", "fragments"),
     [
         (b"powered_descent:\n  readings: {mine: {based_on: corrected}\n", ["not valid YAML"]),
-        (b"powered_descent:\n\treadings: {}\n", ["line 2", "not valid YAML"]),
         (
             b"powered_descent: {readings: {}}\npowered_descent: {readings: {}}\n",
             ["line 2", "'powered_descent'", "twice"],
         ),
-        (b"powered_descent: \xff\xfe\n", ["not valid YAML"]),
         (b"powered_descent: !!python/object/apply:os.getcwd []\n", ["line 1", "the tag"]),
     ],
 )
@@ -391,18 +354,13 @@ def test_names_that_pandas_reads_as_missing_are_refused(tmp_path):
     ("old", "new", "fragments"),
     [
         ("gravity: {value: 3.71", "gravity: {value: 3.72", ["readings.printed", "is frozen", "based_on: printed"]),
-        ("boundary_condition: {value: eq_46", "boundary_condition: {value: corrected", ["printed_eq46", "is frozen"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "whole number"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["chunks.closed_lop: unknown key; did you mean"]),
         ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
-        ("chunks: {", "chunk: {", ["chunk: unknown key", "did you mean 'chunks'?"]),
-        (TRIALS, TRIALS.replace("trials", "trails", 1), ["sizes.smoke.ensemble.trails: unknown key; did you"]),
         (TRIALS, TRIALS.replace("200", "few", 1), ["sizes.smoke.ensemble.trials", "number above zero"]),
         (TRIALS, TRIALS.replace("200", "0.5", 1), ["sizes.smoke.ensemble.trials", "whole number"]),
-        (TRIALS, "    simulation: {integrator: 3}\n", ["sizes.smoke.simulation.integrator"]),
         (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
         (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
-        (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "reading: unknown key"]),
     ],
 )  # fmt: skip
 def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):
