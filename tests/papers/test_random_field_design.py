@@ -367,7 +367,6 @@ def test_at_the_kink_the_predicted_spread_is_that_of_the_branch(random_field, re
 @pytest.mark.parametrize("reading", ["corrected", "both_branches"])
 def test_laws_keep_to_the_constraints_of_their_programs(random_field, reading):
     gains = random_field.gains(reading)
-    inputs = random_field.stage_inputs(reading, "gains")
     assert (gains.status == "optimal").all() and len(gains.status) == 3
     quantile = ndtri(1.0 - (1.0 - 0.9973) / 2.0)
     assert quantile == pytest.approx(3.0, abs=1e-3)
