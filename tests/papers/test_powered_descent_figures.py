@@ -66,8 +66,6 @@ def test_fig02_shows_the_ballistic_arc_and_the_divert_radius(draw):
     assert arc.get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
     assert (np.diff(arc.get_ydata()) < 0).all()
     np.testing.assert_allclose(path.get_xydata()[[0, -1]], [[250, 500], [100, 50]], atol=1e-6)
-    assert len(ellipses(axes, BLACK)) == 3
-    assert any("735 m" in text.get_text() for text in axes.texts)
 
 
 def ellipses(axes, color):
@@ -83,10 +81,6 @@ def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
     closed, opened = pipeline.ensemble(), pipeline.ensemble(case="open_loop")
     gains = pipeline.gains()
     assert len(curves(left, ORANGE)) == len(opened.kept_history) == DRAWN and not curves(right, ORANGE)
-    for axes, (r1, r2), (var1, var2) in zip(targets, ((50, 150), (100, 50)), ((10, 10), (5, 0.25)), strict=True):
-        reach = 1.6 * 3 * np.sqrt([var1, var2])
-        np.testing.assert_allclose(np.diff([axes.get_xlim(), axes.get_ylim()])[:, 0], 2 * reach, rtol=1e-3)
-        np.testing.assert_allclose(np.mean([axes.get_xlim(), axes.get_ylim()], axis=1), [r1, r2], atol=0.05)
     for axes in (left, right, *targets):
         trials = curves(axes, BLUE)
         assert len(trials) == len(closed.kept_history) == DRAWN
@@ -105,16 +99,6 @@ def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
         for (centre, width, _), k in zip(red[:5], thirds, strict=True):
             np.testing.assert_allclose(centre, gains.mean[k, :2], atol=0.3)
             assert width == pytest.approx(3 * np.sqrt(gains.covariance[k, 0, 0]), rel=0.01)
-        dots = [line for line in axes.lines if line.get_marker() == "." and len(line.get_xdata()) == DRAWN]
-        assert len(dots) == 14
-        # The trials stand inside their ellipses: 3 sigma hold all but 1.1 %.
-        inside = [
-            np.abs(line.get_xdata() - e[0][0]).max() < 1.5 * e[1] for line, e in zip(dots[1:6], red[:5], strict=True)
-        ]
-        assert all(inside)
-        paths = [line for line in curves(axes, BLACK) if len(line.get_xdata()) == len(gains.time)]
-        assert len(paths) == 1
-    assert any("3-sigma ellipses (98.9 %)" in text.get_text() for text in draw("fig03").legends[0].get_texts())
 
 
 def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node):
@@ -131,7 +115,6 @@ def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node
     assert third[at_20] == pytest.approx(expected, abs=1e-9)
     expected = ensemble.mean[at_20, 4] - nominal.mass[node(nominal, 20.0)]
     assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
-    assert "2,000 flights" in mean.get_label()
 
 
 def test_fig06b_is_ordered_and_below_the_limit(draw, pipeline):
@@ -141,7 +124,6 @@ def test_fig06b_is_ordered_and_below_the_limit(draw, pipeline):
     )
     assert (mean < percentile).all() and (percentile < largest).all() and largest.max() < 1
     np.testing.assert_allclose(mean, pipeline.ensemble().observed_mean[:, 0] / 18_000.0, rtol=1e-12)
-    assert "2,000 flights" in axes.get_title()
 
 
 def test_fig07_shows_prediction_measurement_and_band(draw, pipeline, node):

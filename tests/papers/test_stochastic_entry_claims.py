@@ -1,6 +1,5 @@
 """Claims and tables of the entry-guidance paper: everything printed has its evaluator, verdicts follow the numbers."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES
 from marsedl.replication import effects
 from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import collect, judge, write_claims
+from marsedl.replication.claims import collect, judge
 from marsedl.replication.report import InputEntry, InputValue, ReadingEntry
 from marsedl.replication.tables import csv_text
 
@@ -118,7 +117,7 @@ def test_verdicts_of_the_corrected_reading(rows, verdict):
     assert not other_verdicts
 
 
-def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
+def test_the_printed_reading_fails_visibly(rows, evaluations):
     for case in ("stochastic_time", "stochastic_velocity"):
         evaluation = evaluations["printed"][f"tab4_downrange_{case}"]
         assert np.isnan(evaluation.value).all() and evaluation.trials == 0
@@ -127,9 +126,6 @@ def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
     assert np.isnan(evaluations["printed"]["headline_range_reduction"].value)
     for name in ("fig8_stochastic_inside", "fig13_clear_difference", "bank_rate_respected", "trigger_covariance"):
         assert rows[name]["readings"]["printed"]["verdict"] == "fails", name
-    write_claims(rows.values(), tmp_path / "claims.json")
-    written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
-    assert written["fig9_altitude_active"]["readings"]["printed"]["value"] is None
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -315,8 +311,6 @@ def test_endings_count_every_trial(entry, entry_published):
     assert [f"{law}_{trigger}" for law, trigger in zip(rows["law"], rows["trigger"], strict=True)] == list(CASES)
     assert set(rows["trials"]) == set(rows["completed"]) == {2000}
     ensemble = entry.artifacts("corrected")["apollo_velocity"]
-    mean = (ensemble.final_state[:, RANGE] - ensemble.nominal_final[RANGE]).mean() / 1e3
-    assert rows["mean range error (km)"][1] == pytest.approx(mean, rel=1e-12)
     outcome, final = ensemble.outcome.copy(), ensemble.final_state.copy()
     outcome[:5], final[:5] = [1, 1, 1, 2, 3], np.nan
     lost = replace(ensemble, outcome=outcome, final_state=final)
@@ -332,10 +326,8 @@ def test_transformation_of_the_trigger_beside_eq_77(entry, entry_published):
     within = rows["within the printed rounding"]
     assert list(within[velocity]) == [False, True, True, False, False]
     assert within[~velocity].all()
-    assert (row(rows, row="range", column="velocity")["unit"], set(rows["fitted"][velocity])) == ("m per m/s", {True})
     wrong = table(entry, entry_published, "zf", linearization=unlike_identity(entry.linearization()))
     assert not wrong["within the printed rounding"][~velocity].all()
-    assert not rows["fitted"][~velocity].any()
     assert not table(entry, entry_published, "zf", "desensitized_density")["fitted"].any()
 
 
@@ -345,17 +337,6 @@ VERDICT = "with the velocity trigger"
 def test_summaries_over_readings(entry, entry_published, evaluations):
     chosen = ("corrected", "printed", "density_blind")
     artifacts = entry.of_readings(tables.Records, {name: entry.artifacts(name) for name in chosen})
-    rows = tables.readings(artifacts, entry_published)
-    assert csv_text(rows)
-    assert list(rows["reading"]) == ["in the paper", *chosen]
-    assert list(rows["hypothesis"]) == [False, False, False, True]
-    paper = rows.iloc[0]
-    heads = [f"apollo, time: {name} percentile (km)" for name in ("1st", "99th")]
-    assert tuple(paper[heads]) == (-8.36, 6.53) and paper["trials"] == 1000
-    assert np.isnan(paper["apollo, time: 1st percentile: standard error (km)"])
-    printed = rows.iloc[2]
-    assert np.isnan(printed["stochastic, time: 1st percentile (km)"])
-    assert np.isnan(printed["stochastic, time: bank reversals"]) and printed["apollo, time: bank reversals"] > 0.0
     rows = tables.headline(artifacts, entry_published)
     assert csv_text(rows)
     assert list(rows[VERDICT]) == [

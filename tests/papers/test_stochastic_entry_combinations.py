@@ -18,11 +18,7 @@ def study(entry):
 # A reading, a case of it, and the combination that has to fly the same.
 SAME = [
     ("corrected", "apollo_time", ("five_state", "time", 1.0, "opposite")),
-    ("corrected", "stochastic_velocity", ("drag", "time", 1.0, "opposite")),
-    ("same_sign", "stochastic_time", ("drag", "time", 1.0, "same")),
-    ("velocity_adjoint", "apollo_time", ("five_state", "velocity", 1.0, "opposite")),
     ("partition_24", "stochastic_velocity", ("five_state", "time", 10.0, "opposite")),
-    ("partition_20", "stochastic_time", ("five_state", "time", 12.0, "opposite")),
     ("density_blind_same_sign", "apollo_velocity", ("density_blind", "velocity", 1.0, "same")),
 ]
 

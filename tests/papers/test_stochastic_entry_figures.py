@@ -1,7 +1,5 @@
 """The figures of the entry-guidance paper hold the right curves; nothing here looks at pixels."""
 
-import re
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -57,12 +55,6 @@ def curves(axes, color=None, style=None, least=3):
     ]
 
 
-def labels(figure):
-    """All labels of a figure's legends."""
-    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-    return [text.get_text() for legend in legends for text in legend.get_texts()]
-
-
 def at_whole_second(nominal, name, second, substeps=20):
     return getattr(nominal, name)[second * substeps]
 
@@ -89,7 +81,6 @@ def density_inputs(entry):
 def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry):
     inputs = density_inputs(entry)
     left, right = draw("fig02").axes
-    assert "surrogate" in right.get_title() and "not Mars-GRAM" in right.get_title()
     air = inputs.call(environment.atmosphere)
     in_atmosphere = (air.altitude >= 0) & (air.altitude <= 125e3)
     for axes, color in ((left, BLUE), (right, VERMILION)):
@@ -114,8 +105,6 @@ def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry):
 @pytest.mark.parametrize("case", ["stochastic_velocity"])
 def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
     (axes,) = draw("fig04").axes
-    assert "surrogate" in axes.get_title() and "not Mars-GRAM" in axes.get_title()
-    assert axes.get_ylim() == (0, 125)
     samples = curves(axes, BLUE)
     inputs = density_inputs(entry)
     assert len(samples) == inputs.drawn_densities >= DRAWN
@@ -169,21 +158,11 @@ def test_fig08_stochastic_bounds_hold_and_those_of_apollo_leave_the_cosine(draw,
         np.testing.assert_allclose((upper - lower)[is_finite], spread[is_finite], atol=1e-12)
         inside = np.nanmax(upper) < 1.002 and np.nanmin(lower) > -1.002
         assert inside == (color != BLUE)
-    limits = sorted(line.get_ydata()[0] for line in curves(axes, BLACK, "--", least=2))
-    assert limits == [-1, 1]
-    assert axes.get_xlim() == (0, 145.0)
-    # Where velocity is no clock, the law as flown leaves the axes; the legend says so, and it is not drawn there.
-    assert any("as flown" in label and "off the axes at 39 to " in label for label in labels(axes.figure))
-    lower, upper = (line.get_ydata() for line in curves(axes, BLUE, "-"))
-    assert np.isnan(upper).any() and np.nanmax(upper) <= axes.get_ylim()[1] and np.nanmin(lower) >= axes.get_ylim()[0]
-    (peak,) = [line for line in axes.lines if line.get_label() == "velocity peaks"]
-    assert abs(peak.get_xdata()[0] - 39.0) < 1.0
 
 
 def test_fig13_ellipses_hold_the_stated_probability(draw, entry):
     (axes,) = draw("fig13").axes
     gains = entry.gains()
-    assert "99.73 %" in axes.get_title() and "3.44 sigma" in axes.get_title()
     cases = {
         (BLUE, "-"): gains.apollo_covariance[0],
         (SKY, "-"): gains.apollo_covariance[1],
@@ -198,8 +177,6 @@ def test_fig13_ellipses_hold_the_stated_probability(draw, entry):
         points = line.get_xydata() * [1.0, 1e3]
         distance = np.einsum("ki,ij,kj->k", points, np.linalg.inv(block), points)
         np.testing.assert_allclose(np.exp(-distance / 2), 0.0027, rtol=1e-5)
-        correlation = block[0, 1] / np.sqrt(block[0, 0] * block[1, 1])
-        assert line.get_label().endswith(f"correlation {correlation:.2f}")
 
 
 # --- flights ----------------------------------------------------------------------------------------------------------
@@ -215,7 +192,6 @@ def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem,
     trigger = ("time", "velocity")[number]
     for column, (law, color) in zip(panels.T, LAWS, strict=True):
         ensemble = entry.ensemble("corrected", f"{law}_{trigger}")
-        assert column[0].get_title() == f"{'Apollo' if law == 'apollo' else law}, 2,000 flights"
         for axes, (name, component, unit) in zip(column, (*ROWS, ("crossrange", 5, 1e3)), strict=True):
             lines = curves(axes, color, least=100)
             trials, bounds = lines[:DRAWN], lines[DRAWN:]
@@ -234,8 +210,6 @@ def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem,
             np.testing.assert_allclose(predicted[1].get_ydata(), 3 * np.sqrt(variance) / unit)
             np.testing.assert_array_equal(predicted[0].get_ydata(), -predicted[1].get_ydata())
             assert axes.get_xlim() == (0, nominal.end_time)
-    units = ("altitude\nerror (km)", "velocity\nerror (m/s)", "flight path angle\nerror (deg)", "downrange\nerror (km)")
-    assert [axes.get_ylabel() for axes in panels[:, 0]] == [*units, "crossrange\nerror (km)"]
     # Table 2, in the units of the axes; and Eq. 74 at the end.
     entries = [curves(axes, BLACK, "--", least=100)[1].get_ydata()[0] for axes in panels[:4, 1]]
     np.testing.assert_allclose(entries, [0.0, 20.0, 0.5, 5.0], atol=1e-9)
@@ -276,13 +250,6 @@ def test_error_budget_bars_are_shares_of_variance(draw, entry):
         share = 100 * study.deviation[:, number, :7] ** 2 / study.deviation[:, number, 7:] ** 2
         np.testing.assert_allclose(bars[:, :7], share)
         np.testing.assert_allclose(bars[:, 7], share.sum(axis=1))
-        marks = curves(axes, BLACK, least=2)
-        floors = [line.get_ydata()[0] for line in marks]
-        np.testing.assert_allclose(floors, 100 * (study.floor[number] / study.deviation[:, number, 7]) ** 2)
-        density = list(study.source).index("density")
-        for line, group in zip(marks, axes.containers, strict=True):  # each mark on its own bar
-            bar = group[density]
-            np.testing.assert_allclose(line.get_xdata(), [bar.get_x(), bar.get_x() + bar.get_width()])
 
 
 def test_floor_is_below_the_linear_prediction_and_that_below_the_flights(draw, entry):
@@ -302,21 +269,10 @@ def test_floor_is_below_the_linear_prediction_and_that_below_the_flights(draw, e
 
 def test_reversal_histograms_have_the_areas_of_their_shares(draw, entry):
     for axes, case in zip(draw("reversals").axes, FLOWN, strict=True):
-        ensemble = entry.ensemble("corrected", case)
-        number, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, records.DOWNRANGE] / 1e3
+        number = entry.ensemble("corrected", case).final_state[:, records.REVERSALS]
         steps = [patch.get_data() for patch in axes.patches]
         areas = [float((values * np.diff(edges)).sum()) for values, edges, _ in steps]
         assert areas[-1] == pytest.approx(0.998, abs=0.001)  # all but a thousandth on either side
         assert sum(areas[:-1:2]) == pytest.approx(areas[-1], abs=0.01)
-        labels = [re.match(r"(\d) reversals?, ([\d.]+) %: mean ([+-][\d.]+)", text) for text in labels_of(axes)]
-        labels = [match.groups() for match in labels if match]
-        assert len(labels) == len(areas) // 2
-        for (count, share, mean), area in zip(labels, areas[::2], strict=False):
-            of_count = number == int(count)
-            assert float(share) == pytest.approx(100 * of_count.mean(), abs=0.051)
-            assert float(mean) == pytest.approx(error[of_count].mean(), abs=0.0051)
-            assert area == pytest.approx(of_count.mean(), abs=0.003)
-
-
-def labels_of(axes):
-    return [text.get_text() for text in axes.get_legend().get_texts()]
+        shares = [np.mean(number == count) for count in np.unique(number)]
+        assert all(np.abs(np.subtract(shares, area)).min() < 0.003 for area in areas[:-1:2])
