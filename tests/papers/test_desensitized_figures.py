@@ -182,6 +182,13 @@ def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff, print
     assert texts[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in texts[6]
 
 
+def test_fig02_draws_any_number_of_rows(tradeoff, printed):
+    """Before, it took seven for granted; a row whose control energy lies below the least is left out."""
+    rows = ("printed_weight", "weight", "time", "state", "reversals", "effort")
+    fewer = replace(tradeoff, **{name: np.delete(getattr(tradeoff, name), 1, axis=0) for name in rows})
+    assert [len(curves(axes)) for axes in figures.fig02(*printed, fewer).axes] == [4, 2]
+
+
 # --- errors at entry --------------------------------------------------------------------------------------------------
 
 
