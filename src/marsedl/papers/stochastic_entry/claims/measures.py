@@ -290,9 +290,6 @@ def crossrange_of_azimuth(planet: Planet, mission: Mission) -> tuple[float, floa
     return float(arc), float(planet.planet_radius * arc * (mission.entry_azimuth - np.arctan2(east, north)))
 
 
-# ---- control (Fig. 8) ------------------------------------------------------------------------------------------------
-
-
 class Corrections:
     """Three sigma of the control correction during range control, of all laws and triggers."""
 
@@ -332,9 +329,6 @@ def distance(bounds: np.ndarray) -> float:
 def corrections(design: Design, linearization: Linearization, gains: Gains) -> Corrections:
     """Corrections of Fig. 8."""
     return Corrections(design, linearization, gains)
-
-
-# ---- dispersion over time (Fig. 9) -----------------------------------------------------------------------------------
 
 
 class Dispersion:
