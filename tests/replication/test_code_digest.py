@@ -5,13 +5,7 @@ import textwrap
 import pytest
 
 from marsedl.replication import code_digest as module_of_digests
-from marsedl.replication.code_digest import (
-    RememberedDigests,
-    code_digest,
-    kernels,
-    kernels_digest,
-    libraries,
-)
+from marsedl.replication.code_digest import RememberedDigests, kernels, kernels_digest
 from marsedl.replication.errors import InputError, MarsedlError
 
 ENTRY = "pkg.papers.stage:compute"
@@ -107,6 +101,14 @@ def tree(tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(textwrap.dedent(text))
     return tmp_path
+
+
+def code_digest(entry, tree):
+    return RememberedDigests(tree / "none" / "digests.json", tree, tree / "none").code(entry)
+
+
+def libraries(entry, tree):
+    return RememberedDigests(tree / "none" / "digests.json", tree, tree / "none").libraries(entry)
 
 
 def of_script(path, tree):

@@ -10,13 +10,15 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication import libraries as module
-from marsedl.replication.code_digest import libraries, remembered_digests
+from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.libraries import COMPANIONS, DISTRIBUTIONS, library_versions, versions_used
 
 ROOT = Path(__file__).parents[2]
 STAGE = remembered_digests(ROOT).script_libraries("stage.py")
 USED = {
-    f"{slug}/{name}": frozenset([*STAGE, *(used for entry in stage.entries for used in libraries(entry))])
+    f"{slug}/{name}": frozenset(
+        [*STAGE, *(used for entry in stage.entries for used in remembered_digests(ROOT).libraries(entry))]
+    )
     for slug in SLUGS
     for name, stage in catalogue(slug).stages.items()
 }

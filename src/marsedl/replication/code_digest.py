@@ -54,41 +54,14 @@ _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 _IMPORTS = (ast.Import, ast.ImportFrom)
 
 
-def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
-    """SHA-256 (hexadecimal) of all code inside `source_root` that a function can reach.
+def reachable_symbols(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
+    """Sorted "module:symbol" of all that the digest of an entry covers; what runs at import as "module:(at import)".
 
     entry: "package.module:function"; source_root: the folder that holds the top-level package
 
     Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
     """
-    return _closure_of(entry, _Source(source_root)).digest()
-
-
-def reachable_symbols(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
-    """Sorted "module:symbol" of all that `code_digest` covers; statements run at import as "module:(at import)".
-
-    Arguments and errors as for `code_digest`.
-    """
     return _closure_of(entry, _Source(source_root)).listing()
-
-
-def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
-    """Sorted top-level modules of the libraries whose names are used in the code that `code_digest` covers.
-
-    An imported name that nothing reached uses does not count, nor does the standard library. Arguments and errors as
-    for `code_digest`.
-    """
-    return sorted(_closure_of(entry, _Source(source_root)).libraries)
-
-
-def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
-    """Sorted attributes that the code which `code_digest` covers reads of parameters, by the names of their types.
-
-    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples are followed: of
-    `setup: Setup`, `setup.planet.mu` reads `mu` of the class that `Setup` annotates `planet` with. Arguments and errors
-    as for `code_digest`.
-    """
-    return _closure_of(entry, _Source(source_root)).reads()
 
 
 def functions(package: str, source_root: Path = SOURCE_ROOT) -> dict[str, dict]:
@@ -156,15 +129,22 @@ class RememberedDigests:
         return self._of("kernels", lambda: kernels_digest(self._source_root))
 
     def code(self, entry: str) -> str:
-        """See `code_digest`."""
+        """SHA-256 (hexadecimal) of all code of the source that an entry "package.module:function" can reach.
+
+        Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
+        """
         return self._code(entry)[0]
 
     def libraries(self, entry: str) -> list[str]:
-        """See `libraries`."""
+        """Sorted top-level modules of the libraries, without the standard one, whose names that code uses."""
         return self._code(entry)[1]
 
     def reads(self, entry: str) -> dict[str, list[str]]:
-        """See `reads`."""
+        """Sorted attributes that this code reads of parameters, by the names of their types.
+
+        Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples are
+        followed: of `setup: Setup`, `setup.planet.mu` reads `mu` of the class that `Setup` annotates `planet` with.
+        """
         return self._code(entry)[2]
 
     def functions(self, package: str) -> dict[str, dict]:
@@ -176,7 +156,7 @@ class RememberedDigests:
         return self._script(name)[0]
 
     def script_libraries(self, name: str) -> list[str]:
-        """Of a script what `libraries` is of a function."""
+        """Of a script what `libraries` is of an entry."""
         return self._script(name)[1]
 
     def _code(self, entry: str) -> tuple[str, list[str], dict[str, list[str]]]:
