@@ -769,9 +769,6 @@ def read_claims(path: str | Path) -> list[dict[str, Any]]:
         raise refuse(f"is not JSON ({error})") from None
     if not isinstance(rows, list):
         raise refuse("is not a list of claims")
-    for number, row in enumerate(rows, start=1):
-        if problem := _wrong_in_row(row):
-            raise refuse(f"claim {number}: {problem}")
     return rows
 
 
@@ -795,29 +792,6 @@ def is_thin(row: Mapping[str, Any]) -> bool:
     margin = row["readings"].get(row["reading"], {}).get("margin")
     confirmed = row["verdict"] in ("holds", "reproduced")
     return bool(confirmed and margin and margin["distance"] is not None and margin["distance"] > THIN)
-
-
-def _wrong_in_row(row: Any) -> str:
-    """What is wrong with a row of claims, in words; nothing if it has the shape that `collect` gives it."""
-    if not isinstance(row, dict):
-        return "is not a set of keys with values"
-    texts = ("paper", "id", "where", "quantity", "unit", "kind", "verdict", "reading", "reason")
-    if wrong := next((key for key in texts if not isinstance(row.get(key), str)), None):
-        return f"the key '{wrong}' is missing or is not text"
-    if missing := next((key for key in ("printed", "resolution") if key not in row), None):
-        return f"the key '{missing}' is missing"
-    readings = row.get("readings")
-    if not isinstance(readings, dict) or not readings:
-        return "the key 'readings' is missing or holds no readings"
-    for name, result in readings.items():
-        if not isinstance(result, dict):
-            return f"readings.{name} is not a set of keys with values"
-        for key in ("value", "standard_error", "verdict", "evidence"):
-            if key not in result:
-                return f"the key 'readings.{name}.{key}' is missing"
-        if not isinstance(result["verdict"], str | None):
-            return f"readings.{name}.verdict is not text"
-    return ""
 
 
 def write_text(path: str | Path, text: str) -> None:
