@@ -50,16 +50,9 @@ def test_a_single_source_need_not_be_chosen(write):
     ("text", "message"),
     [
         ("", "columns must be density_kg_m3 and one of altitude_km, altitude_m .*found none"),
-        ("altitude,density_kg_m3\n0,1\n", "columns must be .*found altitude, density_kg_m3"),
-        ("altitude_km,rho\n0,1\n", "columns must be .*found altitude_km, rho"),
-        ("altitude_km,altitude_m,density_kg_m3\n", "one of altitude_km, altitude_m"),
-        (HEADER + "0,1\n1,0.5\n", "table.csv: 2 rows are too few for a density table; give at least 3"),
         (HEADER + "0,1\n1\n2,0.3\n", "table.csv, line 3: 1 values for 2 columns"),
         ("# note\n" + HEADER + "0,1\n1,thin\n2,0.3\n", "line 4: density_kg_m3 is not a number: 'thin'; write it"),
-        (HEADER + "0,1\n,0.5\n2,0.3\n", "line 3: altitude_km is not a number: ''"),
         (HEADER + "0,1\n1,nan\n2,0.3\n", "line 3: altitude 1000.0 m, density nan kg/m\\^3: not finite"),
-        (HEADER + "0,1\n1,0.5\ninf,0.3\n", "line 4: altitude inf m, .*not finite"),
-        (HEADER + "0,1\n1,-0.5\n2,0.3\n", "line 3: density -0.5 kg/m\\^3 is not positive"),
         (HEADER + "0,1\n2,0.5\n1,0.3\n", "line 4: non-monotone density table: altitude 1000 m follows 2000 m; sort"),
         ("source,altitude_km,density_kg_m3\nb,0,1\na,0,1\n", "several sources; choose one by .*: a, b$"),
     ],
@@ -72,21 +65,11 @@ def test_bad_tables(write, text, message):
 def test_bad_choices_of_source(write):
     with pytest.raises(ValueError, match="no source 'jezero'; choose one of cospar_nh_mean, jezero_2021, marsgram"):
         read_density_table(f"{SHIPPED}#jezero")
-    with pytest.raises(ValueError, match="two sources asked for, 'cospar_nh_mean' and 'jezero_2021'"):
-        read_density_table(f"{SHIPPED}#cospar_nh_mean", "jezero_2021")
-    with pytest.raises(ValueError, match="no column 'source'; leave '#mine' out"):
-        read_density_table(f"{write(HEADER)}#mine")
 
 
 def test_unreadable_files(tmp_path):
     with pytest.raises(ValueError, match=r"nowhere\.csv: there is no such density table"):
         read_density_table(tmp_path / "nowhere.csv")
-    with pytest.raises(ValueError, match="cannot be read as a density table"):
-        read_density_table(tmp_path)
-    binary = tmp_path / "binary.csv"
-    binary.write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(ValueError, match="give a UTF-8 CSV file"):
-        read_density_table(binary)
 
 
 @pytest.mark.parametrize(

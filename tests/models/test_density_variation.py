@@ -152,12 +152,6 @@ def test_covariance_of_the_exact_sampler_in_closed_form():
     ("call", "message"),
     [
         (lambda: dv.retention([0.0, 2.0, 1.0], 0.1), "altitudes must be a grid .*strictly increasing"),
-        (lambda: dv.retention([0.0, 1.0, 2.0], [0.1, 0.1]), "decay must have one value per node, shape \\(3,\\)"),
-        (lambda: dv.retention([0.0, 1.0], [0.1, -0.1]), "decay must not be negative"),
-        (lambda: dv.innovation_variance([0.0, 1.0], 0.1, np.nan), "diffusion must not be negative nor NaN"),
-        (lambda: dv.process_variance([0.0, 1.0], 0.1, -1.0, 0.0), "diffusion must not be negative"),
-        (lambda: dv.process_variance([0.0, 1.0], 0.1, 1.0, -1.0), "initial_variance must not be negative, got -1"),
-        (lambda: dv.sample_process(np.zeros((2, 3)), np.ones(3), np.ones(2), 1.0), "do not fit: shapes \\(2, 3\\)"),
         (lambda: dv.sample_exact(np.zeros((2, 3)), np.ones(2), 1.0), "one value per node, shape \\(3,\\), got \\(\\)"),
     ],
 )

@@ -5,8 +5,6 @@ from numba import njit
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
 
-DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER = 1 / 270, 0.24 / 270, 4.2828e13
-
 
 @njit
 def compiled_rates(*arguments):

@@ -162,8 +162,8 @@ def test_percentile_spread_is_the_standard_error_of_one_group():
     assert percentile_spread(samples, 0.9, 50_249)[0].shape == (2,)
 
 
-@pytest.mark.parametrize("count", [1, 20, 137, 5000])
-@pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 1.0])
+@pytest.mark.parametrize("count", [1, 137, 5000])
+@pytest.mark.parametrize("level", [0.05, 0.95, 1.0])
 def test_histogram_percentile_is_within_its_bound(count, level):
     samples = np.random.default_rng(count).gamma(3.0, size=(6, count))
     edges = np.linspace(0.0, 30.0, 301)
@@ -247,17 +247,6 @@ def test_two_sample_deviance_tends_to_the_wishart_deviance():
     assert swapped.statistic == pytest.approx(
         two_sample_covariance_deviance(sample, 2000, COVARIANCE, 10**6).statistic, rel=1e-9
     )
-
-
-@pytest.mark.parametrize(
-    "deviance", [lambda a, b: wishart_deviance(a, 9, b), lambda a, b: two_sample_covariance_deviance(a, 9, b, 9)]
-)
-def test_bad_covariances_are_refused(deviance):
-    with pytest.raises(ValueError, match="square"):
-        deviance(np.eye(2), np.eye(3))
-    for pair in ((np.eye(2), -np.eye(2)), (np.diag([1.0, 0.0]), np.eye(2))):
-        with pytest.raises(ValueError, match="positive definite"):
-            deviance(*pair)
 
 
 @pytest.mark.parametrize(("count", "trials"), [(0, 200), (1, 200), (7, 5000), (199, 200), (200, 200)])
