@@ -11,7 +11,7 @@ from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import Study
 from marsedl.replication.sharing import Shared
 
-PRODUCTS = ("figures/", "data/cache/")  # of what a user may ask for by path
+PRODUCTS = ("figures/", "data/cache/", "report/claims/")  # of what a user may ask for by path
 
 
 def words_of(arguments: list[str]) -> list[str]:
@@ -66,6 +66,7 @@ def _made(shared: Mapping[str, Shared], studies: Mapping[str, Study]) -> Iterato
     for slug, of in shared.items():
         paper = of.paper
         stages = [stage for stage in paper.stages if not stage.startswith(FLIGHTS)]
+        yield f"report/claims/{slug}.json"
         for stem in (*paper.summaries, "claims"):
             yield from (f"figures/{slug}/{stem}.{suffix}" for suffix in ("csv", "md"))
         for reading, read in studies[slug].readings.items():

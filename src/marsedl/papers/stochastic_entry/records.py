@@ -223,6 +223,7 @@ class Combinations:
         FINAL_ERROR.unit,
         ("apollo_form", "apollo_time_adjoint", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
         "their standard errors",
+        allow_nan=True,  # of few flights
     )
     stochastic: np.ndarray = quantity(
         FINAL_ERROR.unit,
@@ -233,6 +234,7 @@ class Combinations:
         FINAL_ERROR.unit,
         ("partition_interval", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
         "their standard errors",
+        allow_nan=True,
     )
     trials: int = quantity("1", (), "flights of each combination")
 
