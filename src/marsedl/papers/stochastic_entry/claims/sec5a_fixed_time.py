@@ -258,6 +258,7 @@ def crossrange_nulled(flights: Flights):
         else check("the stochastic law adds crossrange in flight", False),
         *flights.lost("stochastic_time"),
         trials=flights["stochastic_time"].count,
+        interval=crossrange_interval(flights["apollo_time"])[0] / 1e3,
         remaining=remaining,
         remaining_velocity=with_trigger,
     )
