@@ -35,6 +35,7 @@ def mc_inside_funnel(recursion: Recursion, funnel: Funnel, constant: FlightEnsem
         measure(f"flights of {trials:,} outside at a slice under constant disturbance", constant.outside_at_slices) < 1,
         measure("flights that are lost", constant.excluded) < 1,
         f"largest V/rho {constant.largest_ratio:.4g}",
+        ratio=constant.largest_ratio,
         trials=trials,
         bound=-100.0 * np.log(1.0 - CONFIDENCE) / trials,  # of the probability to leave, if none of them does
         confidence=100.0 * CONFIDENCE,

@@ -76,7 +76,7 @@ def _sink_rate_exponent(planet: Planet, air: Air, linearization: Linearization):
     steps = np.flatnonzero(np.diff(altitude) < -1.0)  # m; the slope of less is rounding
     noise = linearization.noise[steps, 4, 4] / linearization.state[steps + 1, 4] ** 2
     decay, diffusion = environment.decay_rate(air, altitude), environment.diffusion(air, altitude)
-    pairs = [(part[[k + 1, k]] for part in (altitude, decay, diffusion)) for k in steps]
+    pairs = [[part[[k + 1, k]] for part in (altitude, decay, diffusion)] for k in steps]
     added = np.array([density_variation.innovation_variance(*pair)[0] for pair in pairs])
     duration = np.diff(linearization.time)[steps]
     middle = (diffusion[steps] + diffusion[steps + 1]) / 2
