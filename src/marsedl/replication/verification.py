@@ -70,9 +70,8 @@ def snakemake(
 ) -> subprocess.CompletedProcess:
     """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
 
-    nice: niceness of Snakemake and its jobs. offline: without
-    network, where `offline_works`. python: another interpreter, whose environment may have other versions of libraries.
-    environment: further variables; None removes one.
+    nice: niceness of Snakemake and its jobs. offline: without network, where `offline_works`. python: another
+    interpreter, whose libraries may be others. environment: further variables; None removes one.
     """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
     environment = {name: value for name, value in environment.items() if value is not None}
