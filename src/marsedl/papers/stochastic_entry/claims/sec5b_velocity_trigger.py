@@ -66,6 +66,7 @@ def zf_column_velocity(air: Air, linearization: Linearization):
     return measured(
         linearization.trigger_projection[:, VELOCITY],
         by_construction="the density is fitted to these numbers" if air.density_profile == "log_quadratic" else "",
+        rate=linearization.final_rates[VELOCITY],
     )
 
 
