@@ -99,8 +99,8 @@ def filled(pattern, wildcards):
     return pattern.format(**dict(wildcards.items()))
 
 
-# Functions that take `input` as well are no reason to run a job again: an artifact whose recipe has changed is made
-# again itself. Nor are those that take `output`: an edited caption is not an edited figure.
+# Snakemake ignores params that depend on `input` or `output` when it decides what to rerun. So the recipes of a job's
+# inputs, and captions, never trigger a rerun.
 
 
 def build(wildcards, input, output):

@@ -97,8 +97,8 @@ class Paper:
     that shows it.
     `closeups` are plots of the report that a reader can look into.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
-    compare across machines. The claims
-    of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
+    compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
+    data/reference/benchmarks.csv.
     """
 
     slug: str

@@ -109,8 +109,8 @@ def kernels(source_root: Path = SOURCE_ROOT) -> list[str]:
 class RememberedDigests:
     """The digests of this module, remembered in a file for as long as no source file and no script changes.
 
-    Computing them means to parse all of the source, which every run of Snakemake would have to do anew. The memory is
-    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong.
+    Computing them parses all of the source, at every start of Snakemake. They are stored under a hash of all files and
+    of the version of Python, so a stale memory is never used.
     """
 
     def __init__(self, memory: Path, source_root: Path, scripts: Path):
