@@ -18,7 +18,7 @@ def test_the_pages_are_small_and_hold_every_figure_and_section(copied):
         pictures = {path.stem: path.stat().st_size for path in (folder / "pictures" / slug).glob("*.png")}
         assert pictures.keys() == catalogue(slug).figures.keys()
         assert len(page.encode()) + sum(pictures.values()) < LARGEST_PAPER
-        for part in ("short", "decides", "claims", "figures", "errata", "readings", "tables", "inputs", "rebuild"):
+        for part in ("short", "claims", "figures", "errata", "readings", "tables", "inputs", "rebuild"):
             assert f'id="{part}"' in page, f"{slug}: {part}"
         for stem in catalogue(slug).figures:
             assert f"snakemake figures/{slug}/{stem}.png" in page
