@@ -29,8 +29,8 @@ from hypothesis import settings
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication import kernels
-from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.digests import digest
+from marsedl.replication.fingerprints import fingerprints_of
 from marsedl.replication.scaffold import new_paper
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemake
@@ -41,7 +41,7 @@ settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
 # Kernels are compiled once for these processes and all jobs. Threads are not pinned here: some tests count them.
-os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(ROOT, remembered_digests(ROOT).kernels()))
+os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(ROOT, fingerprints_of(ROOT).kernels()))
 os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
 if features := kernels.vector_features():
     os.environ["NUMBA_CPU_FEATURES"] = features

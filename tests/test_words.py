@@ -9,7 +9,7 @@ import yaml
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.claims import load_published
-from marsedl.replication.words import words
+from marsedl.replication.front_page import words
 
 ROOT = Path(__file__).parents[1]
 NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)")

@@ -369,8 +369,8 @@ def _first_sentence(caption) -> str:
 
 def _explain(options) -> int:
     from marsedl.replication.catalogue import FLIGHTS
-    from marsedl.replication.code_digest import reachable_symbols
     from marsedl.replication.errors import nearest
+    from marsedl.replication.fingerprints import fingerprints_of
     from marsedl.replication.sharing import Shared
 
     paper = _paper(options.paper)
@@ -418,9 +418,7 @@ def _explain(options) -> int:
     _say("\ninputs that it depends on")
     _say_inputs(project, options, paper.slug, reading, input_names)
     _say("\ncode that draws or computes it")
-    for symbol in dict.fromkeys(
-        symbol for entry in entries for symbol in reachable_symbols(entry, project.root / "src")
-    ):
+    for symbol in dict.fromkeys(symbol for entry in entries for symbol in fingerprints_of(project.root).symbols(entry)):
         if "(at import)" not in symbol:
             _say(f"  {symbol}")
     return 0
@@ -640,10 +638,10 @@ def _readme(options) -> int:
 def _write_readme(root: Path) -> None:
     """Write what came out of each paper into the README, with the accepted numbers of its texts."""
     from marsedl.papers import SLUGS
-    from marsedl.replication import readme
+    from marsedl.replication import front_page
     from marsedl.replication.quotes import committed, with_numbers
 
-    for path in readme.write(root, [with_numbers(_paper(slug), committed(root, slug)) for slug in SLUGS]):
+    for path in front_page.write(root, [with_numbers(_paper(slug), committed(root, slug)) for slug in SLUGS]):
         _say(f"wrote {path}")
 
 

@@ -1,7 +1,7 @@
 """The badge: that it counts what the report counts, in the schema that it is read by."""
 
-from marsedl.replication.badge import badge
 from marsedl.replication.claims import COUNTED_VERDICTS, LISTED_VERDICTS
+from marsedl.replication.front_page import badge
 
 
 def rows(*verdicts):

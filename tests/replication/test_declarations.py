@@ -6,9 +6,9 @@ from typing import ClassVar
 import pytest
 
 from marsedl.replication.catalogue import Paper, Product
-from marsedl.replication.code_digest import RememberedDigests
 from marsedl.replication.declarations import declared
 from marsedl.replication.errors import InputError
+from marsedl.replication.fingerprints import Fingerprints
 from marsedl.replication.sections import Count, Inputs, Number, Section, given
 
 
@@ -96,7 +96,7 @@ def read(tmp_path):
         for name, source in {**PACKAGE, **modules}.items():
             (folder / f"{name}.py").write_text(dedent(source), encoding="utf-8")
         paper = Paper("toy", "", "", "", {"fig01": Product("A figure.")}, {"tab1": Product("A table.")})
-        digests = RememberedDigests(tmp_path / "memory.json", tmp_path / "src", tmp_path / "scripts")
+        digests = Fingerprints(tmp_path / "memory.json", tmp_path / "src", tmp_path / "scripts")
         return declared(paper, ToyInputs, digests)
 
     return of

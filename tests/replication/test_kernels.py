@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from marsedl.replication import kernels
-from marsedl.replication.code_digest import kernels as kernels_of_source
-from marsedl.replication.code_digest import kernels_digest
+from marsedl.replication.fingerprints import Fingerprints
 
 SOURCE = Path(__file__).parents[2] / "src"
 
@@ -124,17 +123,21 @@ def test_on_a_file_system_without_locks_kernels_are_compiled_without_turns(tmp_p
 # ---------------------------------------------------------------------------------------------- what the folder is of
 
 
+def fingerprints(source):
+    return Fingerprints(source / "none" / "fingerprints.json", source, source / "none")
+
+
 def test_every_cached_kernel_is_known():
     """Otherwise an edit of what it reaches would leave it as it was."""
-    valid_names = [entry.split(":")[0] for entry in kernels_of_source()]
+    valid_names = [entry.split(":")[0] for entry in fingerprints(SOURCE).compiled()]
     cached = [path for path in sorted(SOURCE.rglob("*.py")) if "cache=True" in path.read_text(encoding="utf-8")]
     names = {".".join(path.relative_to(SOURCE).with_suffix("").parts) for path in cached}
-    assert names - {"marsedl.replication.code_digest"} == set(valid_names)
+    assert names - {"marsedl.replication.fingerprints"} == set(valid_names)
     assert len(valid_names) > 15
 
 
 def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_path):
-    before = kernels_digest(SOURCE)
+    before = fingerprints(SOURCE).kernels()
     copy = shutil.copytree(SOURCE, tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
     for name, text, same in (
         ("papers/funnels/claims/measures.py", "EDITED = 1", True),
@@ -144,4 +147,4 @@ def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_p
     ):
         with (copy / "marsedl" / name).open("a", encoding="utf-8") as file:
             file.write(f"\n{text}\n")
-        assert (kernels_digest(copy) == before) == same
+        assert (fingerprints(copy).kernels() == before) == same

@@ -10,14 +10,14 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication import libraries as module
-from marsedl.replication.code_digest import remembered_digests
+from marsedl.replication.fingerprints import fingerprints_of
 from marsedl.replication.libraries import COMPANIONS, DISTRIBUTIONS, library_versions, versions_used
 
 ROOT = Path(__file__).parents[2]
-STAGE = remembered_digests(ROOT).script_libraries("stage.py")
+STAGE = fingerprints_of(ROOT).libraries("stage.py")
 USED = {
     f"{slug}/{name}": frozenset(
-        [*STAGE, *(used for entry in stage.entries for used in remembered_digests(ROOT).libraries(entry))]
+        [*STAGE, *(used for entry in stage.entries for used in fingerprints_of(ROOT).libraries(entry))]
     )
     for slug in SLUGS
     for name, stage in catalogue(slug).stages.items()
@@ -100,7 +100,7 @@ def test_companions_are_what_a_library_itself_requires():
 def test_every_library_that_some_code_uses_is_installed_under_the_name_by_which_it_is_looked_up():
     used = set().union(
         *USED.values(),
-        *(remembered_digests(ROOT).script_libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
+        *(fingerprints_of(ROOT).libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
     )
     used -= {"yaml"}
     assert used >= {"PIL", "casadi", "cvxpy", "ddsketch", "jinja2", "matplotlib", "numba", "numpy", "scipy"}

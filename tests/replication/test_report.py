@@ -16,6 +16,7 @@ from PIL import Image
 
 import marsedl.replication.site
 from marsedl.plotting import style
+from marsedl.replication.catalogue import Erratum
 from marsedl.replication.claims import (
     COUNTED_VERDICTS,
     UNEXPLAINED,
@@ -31,7 +32,6 @@ from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.pictures import picture
 from marsedl.replication.report import (
     Comparison,
-    ErratumEntry,
     FigureEntry,
     InputEntry,
     InputValue,
@@ -148,7 +148,7 @@ def example(folder, hostile="plain"):
     ]
     rows = [["quantity", "design", "trials"], ["downrange variance / m²", "5.000", "4.99 ± 0.16"], [hostile, "1", "2"]]
     errata = [
-        ErratumEntry(
+        Erratum(
             f"E{i}",
             f"Something printed, number {i}. {hostile}",
             "It contradicts Eq. 43; the covariance at 41 s is then diag(4.50, 0.141, 0.192, 0.210).",

@@ -54,7 +54,7 @@ def flights(root, slug):
 
 def recorded(root, slugs):
     """Kernel, arguments and what it left, of the first call of each kernel under each case."""
-    from marsedl.replication.code_digest import kernels
+    from marsedl.replication.fingerprints import fingerprints_of
 
     calls, seen = [], set()
 
@@ -70,7 +70,7 @@ def recorded(root, slugs):
 
         return call
 
-    for name in kernels():
+    for name in fingerprints_of(root).compiled():
         module, function = name.split(":")
         setattr(import_module(module), function, watched(name, getattr(import_module(module), function)))
     for slug in slugs:

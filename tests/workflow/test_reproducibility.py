@@ -9,8 +9,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.badge import badge
 from marsedl.replication.digests import digest_tree
+from marsedl.replication.front_page import badge
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS
 from marsedl.schemas import claims_schema

@@ -13,7 +13,7 @@ import yaml
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import staleness
-from marsedl.replication.code_digest import RememberedDigests, reachable_symbols
+from marsedl.replication.fingerprints import Fingerprints, fingerprints_of
 from marsedl.replication.inputs import load_studies
 from marsedl.replication.libraries import _version, versions_used
 
@@ -100,10 +100,10 @@ class Project:
         self.before = self.jobs()
 
     def jobs(self, **config) -> dict[str, Job]:
-        memory, scripts = self.folder / ".cache" / "code_digests.json", self.folder / "workflow" / "scripts"
-        sources = RememberedDigests(memory, self.folder / "src", scripts)
+        memory, scripts = self.folder / ".cache" / "fingerprints.json", self.folder / "workflow" / "scripts"
+        sources = Fingerprints(memory, self.folder / "src", scripts)
         with contextlib.chdir(self.folder), pytest.MonkeyPatch.context() as patch:
-            patch.setattr(staleness, "remembered_digests", lambda root: sources)
+            patch.setattr(staleness, "fingerprints_of", lambda root: sources)
             models = {slug: input_model(slug) for slug in SLUGS}
             studies = load_studies(models, Path("configs"), {"size": "smoke", "chunks": 3, **config}, [])
             papers = {slug: catalogue(slug) for slug in SLUGS}
@@ -196,7 +196,7 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(projec
 @pytest.mark.parametrize("slug", SLUGS)
 def test_the_code_of_a_stage_is_what_it_can_reach(slug):
     reached = {
-        name: {symbol for entry in stage.entries for symbol in reachable_symbols(entry)}
+        name: {symbol for entry in stage.entries for symbol in fingerprints_of().symbols(entry)}
         for name, stage in catalogue(slug).stages.items()
     }
     for function, users in FACTS[slug]["reach"].items():

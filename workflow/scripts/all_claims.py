@@ -1,7 +1,7 @@
 """Join the claims of all papers with their counterexamples, and count their verdicts on a badge."""
 
-from marsedl.replication.badge import write_badge
 from marsedl.replication.claims import read_claims, read_counterexamples, with_counterexamples, write_claims
+from marsedl.replication.front_page import write_badge
 from marsedl.replication.jobs import guarded
 
 with guarded(snakemake):

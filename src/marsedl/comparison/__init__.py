@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
 from marsedl.replication.declarations import Taken, taken_by
+from marsedl.replication.fingerprints import fingerprints_of
 from marsedl.replication.texts import FILE, comparison_texts
 
 
@@ -36,7 +36,7 @@ class Comparison:
 @cache
 def comparisons() -> dict[str, Comparison]:
     """Return the comparisons by name, with what their functions take."""
-    digests = remembered_digests(SOURCE_ROOT.parent)
+    digests = fingerprints_of()
     functions = digests.functions(__name__)
     declared = {}
     for stem, captions in comparison_texts(Path(__file__).with_name(FILE)).items():

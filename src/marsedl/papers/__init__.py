@@ -13,12 +13,12 @@ SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochast
 def catalogue(slug: str) -> Paper:
     """Return a paper's bill of materials, with its words and what its functions declare."""
     # Here, as jobs import this package without it.
-    from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
     from marsedl.replication.declarations import declared
+    from marsedl.replication.fingerprints import fingerprints_of
     from marsedl.replication.texts import FILE, with_texts
 
     written = with_texts(import_module(f"marsedl.papers.{slug}").PAPER, Path(__file__).parent / slug / FILE)
-    return declared(written, input_model(slug), remembered_digests(SOURCE_ROOT.parent))
+    return declared(written, input_model(slug), fingerprints_of())
 
 
 def rounding_noise() -> dict[str, tuple[str, ...]]:

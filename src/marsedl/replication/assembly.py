@@ -22,7 +22,6 @@ from marsedl.replication.libraries import library_versions
 from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.report import (
     Comparison,
-    ErratumEntry,
     FigureEntry,
     InputEntry,
     InputValue,
@@ -105,7 +104,7 @@ def paper_report(
             for stem, item in catalogue.figures.items()
         ],
         tables=[_table(folder, stem, *caption_and_beyond) for stem, caption_and_beyond in captions.items()],
-        errata=[ErratumEntry(e.id, e.printed, e.evidence, e.used, e.title, e.kept_by) for e in catalogue.errata],
+        errata=catalogue.errata,
         verdicts=f"report/claims/{catalogue.slug}.json",
         authors=catalogue.authors,
         question=catalogue.question,

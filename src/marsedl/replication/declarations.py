@@ -6,7 +6,7 @@ an artifact by that of its stage or Monte Carlo case. So do figures and tables, 
 
 Of a section, a function is given the inputs that its code reads: `planet.gravity` in itself, or in a function that it
 reaches and that takes a parameter annotated as `Planet`, or a named tuple with such a field. All of it is read from the
-source, by `replication/code_digest.py`, without importing what compiles.
+source, by `replication/fingerprints.py`, without importing what compiles.
 
 A stage has the name of its module if its function is called `compute`, else the function's. In the module `montecarlo`
 the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
@@ -18,8 +18,8 @@ from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
 from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage
-from marsedl.replication.code_digest import RememberedDigests
 from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.fingerprints import Fingerprints
 from marsedl.replication.sections import Inputs, Section
 
 STAGE, PUBLISHED = "stage", "published"
@@ -36,7 +36,7 @@ class Taken(NamedTuple):
     others: tuple[str, ...]  # of OTHERS
 
 
-def declared(paper: Paper, model: type[Inputs], digests: RememberedDigests) -> Paper:
+def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
     """Return a catalogue with its stages, and its products with what they are made from.
 
     Args:
@@ -87,7 +87,7 @@ def taken_by(
     parameters: Mapping[str, bool],
     model: type[Inputs],
     stages: Iterable[str],
-    digests: RememberedDigests,
+    digests: Fingerprints,
 ) -> Taken:
     """Return what a function takes.
 

@@ -8,10 +8,11 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.replication.catalogue import Erratum
 from marsedl.replication.claims import (
     BY_CONSTRUCTION,
     COUNTED_VERDICTS,
@@ -42,14 +43,6 @@ NOT_ISOLATED = "not_isolated"  # no reading keeps this erratum and mends the oth
 RANKS = (NO_RESULT, HEADLINE, VERDICT, NOTHING, NOT_ISOLATED)
 
 Row = Mapping[str, Any]  # one claim of `report/claims.json`
-
-
-class Erratum(Protocol):
-    """An erratum of the catalogue."""
-
-    id: str
-    title: str
-    kept_by: Sequence[str]
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class Memory:
         Args:
             folder: where records are kept; nowhere unless given.
             code: the digest of the code that a function "module:function" can reach. A folder outlives an edit, so give
-                it `code_digest.remembered_digests(root).code`.
+                it `fingerprints_of(root).code`.
 
         """
         self.folder, self.code = folder, code

@@ -47,7 +47,7 @@ def pin_numerics(root: Path) -> None:
     Raises MarsedlError if this processor cannot run the pinned instruction set, or if a file has settings of numba.
     """
     from marsedl.replication import kernels
-    from marsedl.replication.code_digest import remembered_digests
+    from marsedl.replication.fingerprints import fingerprints_of
 
     _check_processor()
     if Path(".numba_config.yaml").exists():
@@ -58,7 +58,7 @@ def pin_numerics(root: Path) -> None:
     os.environ.setdefault("PYTHONHASHSEED", "0")
     if features := kernels.vector_features():
         os.environ["NUMBA_CPU_FEATURES"] = features
-    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).kernels()))
+    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, fingerprints_of(root).kernels()))
     os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 

@@ -23,7 +23,7 @@ def library_versions(*names: str) -> dict[str, str]:
 def versions_used(modules: frozenset[str]) -> str:
     """Return, for a person to read, the versions of Python and of the libraries that some code depends on.
 
-    modules: top-level modules, as `code_digest.libraries` lists them; their companions are added
+    modules: top-level modules, as `Fingerprints.libraries` lists them; their companions are added
     """
     used = {DISTRIBUTIONS.get(module, module) for module in modules if module not in READ_INPUTS}
     used.update(*(COMPANIONS.get(name, ()) for name in used))

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 # What artifacts look like and what jobs do around the science, none of which the digests of code see. Raise it with an
-# edit of `code_digest.MACHINERY` that changes a product: everything is then made again.
+# edit of `fingerprints.MACHINERY` that changes a product: everything is then made again.
 FORMAT = 2
 NAMED_CHANGES = 3  # at most this many differing inputs are listed
 

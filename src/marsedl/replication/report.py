@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from marsedl.replication.catalogue import Erratum
 from marsedl.replication.closeups import CloseUp
 
 
@@ -68,21 +69,6 @@ class TableEntry:
 
 
 @dataclass(frozen=True)
-class ErratumEntry:
-    """A slip of the paper: what is printed, what shows it to be wrong, what is used.
-
-    `title` says it in a few words; `kept_by` are the readings that keep what is printed.
-    """
-
-    id: str
-    printed: str
-    evidence: str
-    used: str
-    title: str = ""
-    kept_by: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class PaperReport:
     """All that the report says about one paper.
 
@@ -99,7 +85,7 @@ class PaperReport:
     inputs: Sequence[InputEntry] = ()
     figures: Sequence[FigureEntry] = ()
     tables: Sequence[TableEntry] = ()
-    errata: Sequence[ErratumEntry] = ()
+    errata: Sequence[Erratum] = ()
     verdicts: str = ""
     closeups: Sequence[CloseUp] = ()
     run_times: Sequence[Sequence[str]] = ()

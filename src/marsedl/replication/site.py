@@ -31,9 +31,9 @@ from marsedl.replication.claims import (
 from marsedl.replication.counterexamples import in_words
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.formulas import with_formulas, with_raised_powers, without_markup
+from marsedl.replication.front_page import words
 from marsedl.replication.pictures import Picture, picture
 from marsedl.replication.report import Comparison, FigureEntry, InputEntry, PaperReport, ReadingEntry, is_assumed
-from marsedl.replication.words import words
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests")

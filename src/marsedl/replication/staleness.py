@@ -14,9 +14,9 @@ from functools import cache
 from pathlib import Path
 
 from marsedl.replication.catalogue import Paper
-from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.command_line import tables_of_equal_needs
 from marsedl.replication.errors import ArtifactError, StaleError
+from marsedl.replication.fingerprints import fingerprints_of
 from marsedl.replication.inputs import Study, committed_inputs, counted_inputs
 from marsedl.replication.jobs import NUMERIC_ENVIRONMENT
 from marsedl.replication.libraries import versions_used
@@ -56,7 +56,7 @@ class Recipes:
     ):
         """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them."""
         self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
-        self.sources = remembered_digests(root)
+        self.sources = fingerprints_of(root)
         self.code, self.libraries = cache(self._code), cache(self._libraries)
         self.shared = {slug: Shared(papers[slug], studies[slug], self._of_stage) for slug in papers}
         self._committed = committed_inputs(root)
@@ -68,12 +68,12 @@ class Recipes:
     def _code(self, script: str, *entries: str) -> str:
         """Digests of what a job's script and functions reach, and of the settings that all jobs have."""
         settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
-        digests = [self.sources.script(script), *map(self.sources.code, entries), settings]
+        digests = [self.sources.code(script), *map(self.sources.code, entries), settings]
         return " ".join(digest[:16] for digest in digests)
 
     def _libraries(self, script: str, *entries: str) -> str:
         """Versions of the libraries that a job's numbers can depend on: those that its script and functions use."""
-        used = [self.sources.script_libraries(script), *map(self.sources.libraries, entries)]
+        used = [self.sources.libraries(script), *map(self.sources.libraries, entries)]
         return versions_used(frozenset().union(*used))
 
     def _of_stage(self, entries: Iterable[str]) -> dict[str, str]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.catalogue import FLIGHTS
-from marsedl.replication.code_digest import SOURCE_ROOT
 from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.fingerprints import SOURCE_ROOT
 from marsedl.replication.inputs import Reading, Study, load_study
 from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import FULL, build_folder

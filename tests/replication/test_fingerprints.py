@@ -4,9 +4,9 @@ import textwrap
 
 import pytest
 
-from marsedl.replication import code_digest as module_of_digests
-from marsedl.replication.code_digest import RememberedDigests, kernels, kernels_digest
+from marsedl.replication import fingerprints
 from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.fingerprints import Fingerprints
 
 ENTRY = "pkg.papers.stage:compute"
 
@@ -103,27 +103,12 @@ def tree(tmp_path):
     return tmp_path
 
 
+def of(tree, scripts="none"):
+    return Fingerprints(tree / "none" / "fingerprints.json", tree, tree / scripts)
+
+
 def code_digest(entry, tree):
-    return RememberedDigests(tree / "none" / "digests.json", tree, tree / "none").code(entry)
-
-
-def libraries(entry, tree):
-    return RememberedDigests(tree / "none" / "digests.json", tree, tree / "none").libraries(entry)
-
-
-def of_script(path, tree):
-    """The digests of a tree with the folder of a script, and the script's name."""
-    return RememberedDigests(path.parent / "none" / "digests.json", tree, path.parent), path.name
-
-
-def script_digest(path, tree):
-    digests, name = of_script(path, tree)
-    return digests.script(name)
-
-
-def script_libraries(path, tree):
-    digests, name = of_script(path, tree)
-    return digests.script_libraries(name)
+    return of(tree).code(entry)
 
 
 def edit(tree, name, old, new):
@@ -217,9 +202,9 @@ def test_what_counts_of_another_module(tree, stage, old, counts):
     assert changes(tree, "pkg/models/dynamic.py", old, "return 3") == counts
 
 
-def test_circular_imports_and_globals_are_followed(tree):
+def test_circular_imports_are_followed(tree):
     (tree / "pkg/one.py").write_text("from pkg import two\ndef f():\n    return two.g()\n")
-    (tree / "pkg/two.py").write_text("from pkg import one\ndef g():\n    return globals()['h'], one.f\nh = 1\n")
+    (tree / "pkg/two.py").write_text("from pkg import one\ndef g():\n    return h, one.f\nh = 1\n")
     assert changes(tree, "pkg/two.py", "h = 1", "h = 2", entry="pkg.one:f")
 
 
@@ -248,8 +233,8 @@ def test_digest_does_not_depend_on_the_folder(tree, tmp_path_factory):
     (tree / "shim.py").write_text("from pkg.papers.stage import compute\n")
     (other / "shim.py").write_text("from pkg.papers.stage import compute\n")
     assert code_digest(ENTRY, tree) == code_digest(ENTRY, other)
-    assert kernels_digest(tree) == kernels_digest(other)
-    assert script_digest(tree / "shim.py", tree) == script_digest(other / "shim.py", other)
+    assert of(tree).kernels() == of(other).kernels()
+    assert of(tree, ".").code("shim.py") == of(other, ".").code("shim.py")
 
 
 @pytest.mark.parametrize(
@@ -277,23 +262,23 @@ def test_libraries_are_those_whose_names_are_used(tree, code, used):
     (tree / STAGE).write_text(code)
     library = "from scipy import optimize\ndef solve():\n    return optimize.root\ndef other():\n    return 1\n"
     (tree / "pkg/models/library.py").write_text(library)
-    assert libraries(ENTRY, tree) == used
+    assert of(tree).libraries(ENTRY) == used
     (tree / "shim.py").write_text("from pkg.papers.stage import compute\ncompute()\n")
-    assert script_libraries(tree / "shim.py", tree) == used
+    assert of(tree, ".").libraries("shim.py") == used
 
 
 def test_script_digest_covers_the_script_and_what_it_reaches(tree):
     script = tree / "workflow/shim.py"
     script.parent.mkdir()
     script.write_text("# a comment\nfrom pkg.models import gravity\nsnakemake.log(gravity.strength())\n")
-    before = script_digest(script, tree)
+    before = of(tree, "workflow").code("shim.py")
     edit(tree, "workflow/shim.py", "# a comment", "# another")
     edit(tree, GRAVITY, "UNUSED * radius", "UNUSED + radius")
-    assert script_digest(script, tree) == before
+    assert of(tree, "workflow").code("shim.py") == before
     edit(tree, GRAVITY, "return 1", "return 2")
-    reached_edit = script_digest(script, tree)
+    reached_edit = of(tree, "workflow").code("shim.py")
     edit(tree, "workflow/shim.py", "snakemake.log", "snakemake.print")
-    assert len({before, reached_edit, script_digest(script, tree)}) == 3
+    assert len({before, reached_edit, of(tree, "workflow").code("shim.py")}) == 3
 
 
 KERNEL = """
@@ -318,18 +303,18 @@ def inner():
 
 
 def test_kernels_are_what_numba_caches_and_their_digest_is_of_what_they_reach(tree):
-    before = kernels_digest(tree)
+    before = of(tree).kernels()
     (tree / "pkg" / "kernel.py").write_text(KERNEL, encoding="utf-8")
-    assert kernels(tree) == ["pkg.kernel:fly", "pkg.kernel:add"]
-    with_kernels = kernels_digest(tree)
+    assert of(tree).compiled() == ["pkg.kernel:fly", "pkg.kernel:add"]
+    with_kernels = of(tree).kernels()
     assert with_kernels != before
     edit(tree, "pkg/kernel.py", "return 2", "return 3")
-    assert kernels_digest(tree) == with_kernels, "no cached kernel reaches it"
+    assert of(tree).kernels() == with_kernels, "no cached kernel reaches it"
     edit(tree, "pkg/kernel.py", "return 1", "return 4")
-    assert kernels_digest(tree) != with_kernels
+    assert of(tree).kernels() != with_kernels
 
 
-@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), kernels_digest])
+@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), lambda tree: of(tree).kernels()])
 def test_a_syntax_error_names_file_and_line(tree, digest):
     edit(tree, GRAVITY, "def strength():", "def strength(:")
     with pytest.raises(MarsedlError, match=r"gravity\.py, line \d+"):
@@ -359,7 +344,7 @@ def remembered(tree, tmp_path):
     (scripts / "shim.py").write_text("from pkg.models.gravity import gravity\n", encoding="utf-8")
 
     def open_again():
-        return RememberedDigests(tmp_path / "memory" / "digests.json", tree, scripts)
+        return Fingerprints(tmp_path / "memory" / "fingerprints.json", tree, scripts)
 
     return open_again
 
@@ -376,10 +361,10 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     first.save()  # computed before the change: not to be kept under either key
     after_edit.save()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module_of_digests, "_parsed", None)  # nothing is parsed again
+        patch.setattr(fingerprints, "_parsed", None)  # nothing is parsed again
         assert remembered().code(ENTRY) == after_edit.code(ENTRY)
-    memory = tmp_path / "memory" / "digests.json"
+    memory = tmp_path / "memory" / "fingerprints.json"
     assert before not in memory.read_text(encoding="utf-8")
-    for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "digests": 3}'):
+    for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "known": 3}'):
         memory.write_text(damaged, encoding="utf-8")
         assert remembered().code(ENTRY) == code_digest(ENTRY, tree)

@@ -1,46 +1,66 @@
-"""What the README says of the papers and of words: written from the committed verdicts, never typed."""
+"""What the README and the badge say of the papers and of words: written from the verdicts, never typed."""
 
+import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from marsedl.replication.badge import badge
 from marsedl.replication.catalogue import Paper
 from marsedl.replication.claims import (
     DEFAULT_READING,
     NUMBERS,
     STANDING_VERDICTS,
+    STATEMENTS,
     load_published,
     summary,
     write_text,
 )
+from marsedl.replication.strict_yaml import read_yaml
 from marsedl.replication.verification import committed_verdicts
-from marsedl.replication.words import words
 
+WORDS = Path(__file__).with_name("words.yaml")
 README, BADGE = Path("README.md"), Path("docs/images/badge.svg")
 _BLOCK = re.compile(r"(?ms)^(<!-- (answers|words): written by `marsedl readme` -->\n).*?^(<!-- end -->)$")
 _COUNTS = re.compile(r"\d+ of \d+ printed numbers; \d+ of \d+ statements")
 
 
+def words() -> dict[str, str]:
+    """Return the few words that report and README define before they use them; backticks in their meanings mark code.
+
+    Raises InputError if `words.yaml` is malformed.
+    """
+    return {word: " ".join(text.split()) for word, text in read_yaml(WORDS).items()}
+
+
+def badge(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Count the verdicts on all papers' claims in one line, in the schema of shields.io's endpoint badges.
+
+    rows: dictionaries from `claims.read_claims`. The colour says nothing: a claim that fails speaks of a paper, not of
+    its replication.
+    """
+    counts = summary(list(rows))
+    numbers, statements = counts[NUMBERS], counts[STATEMENTS]
+    message = (
+        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers; "
+        f"{statements['holds']} of {sum(statements.values())} statements"
+    )
+    return {"schemaVersion": 1, "label": "replication", "message": message, "color": "blue"}
+
+
+def write_badge(rows: Iterable[Mapping[str, Any]], path: str | Path) -> None:
+    """Write the badge of some claims as JSON; arguments as for `badge`, and the file."""
+    write_text(path, json.dumps(badge(rows), indent=2) + "\n")
+
+
 def committed_rows(root: Path, slug: str) -> list[dict[str, Any]]:
     """Return the claims of a paper with their committed verdicts, as rows that `claims.summary` counts.
 
-    Args:
-        root: the project's folder.
-        slug: the paper.
-
-    Returns:
-        Of each claim `kind`, `verdict` (None if none is committed) and `headline`, in the order of the printed claims.
-
+    Of each claim these are `kind`, `verdict` (None if none is committed) and `headline`, in the printed order.
     """
     verdicts = committed_verdicts(root, slug)
     return [
-        {
-            "kind": claim.kind,
-            "verdict": verdicts.get(claim.id, {}).get(DEFAULT_READING),
-            "headline": claim.headline,
-        }
+        {"kind": claim.kind, "verdict": verdicts.get(claim.id, {}).get(DEFAULT_READING), "headline": claim.headline}
         for claim in load_published(root / "data" / "published" / f"{slug}.yaml")
     ]
 
@@ -48,10 +68,7 @@ def committed_rows(root: Path, slug: str) -> list[dict[str, Any]]:
 def answer(paper: Paper, rows: Iterable[Mapping[str, Any]]) -> str:
     """Return what came out of one paper, as an item of a list in Markdown.
 
-    Args:
-        paper: its catalogue, with the numbers of its texts.
-        rows: its claims, as `committed_rows` gives them.
-
+    paper: its catalogue, with the numbers of its texts. rows: its claims, as `committed_rows` gives them.
     """
     rows = list(rows)
     headline = [row["verdict"] for row in rows if row["headline"] is not None]
@@ -68,11 +85,8 @@ def answer(paper: Paper, rows: Iterable[Mapping[str, Any]]) -> str:
 def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
     """Return the text of the README, or of the badge, with what came out of each paper and what words mean.
 
-    Args:
-        text: as it stands; comments mark the two blocks that are written into the README.
-        root: the project's folder.
-        papers: catalogues of all papers, with the numbers of their texts.
-
+    text: as it stands; comments mark the two blocks that are written into the README. papers: catalogues of all papers,
+    with the numbers of their texts.
     """
     papers = list(papers)
     rows = {paper.slug: committed_rows(root, paper.slug) for paper in papers}
