@@ -7,9 +7,14 @@ Snakemake starts in a second. All of them share compiled kernels, in `.cache/num
 """
 
 import os
+from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported; threads would spin beside the builds
+from marsedl.replication.jobs import pin_numerics
+
+ROOT = Path(__file__).parents[1]
 os.environ.pop("COLUMNS", None)  # xdist says how wide its terminal is; what a test captures is no terminal
+pin_numerics(ROOT)  # before numpy is imported; with it, kernels are compiled once for these processes and all jobs
+del os.environ["NUMBA_NUM_THREADS"]  # some tests count threads
 
 import contextlib
 import fcntl
@@ -21,16 +26,13 @@ import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pytest
 import yaml
 from hypothesis import settings
 
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication import kernels
 from marsedl.replication.digests import digest
-from marsedl.replication.fingerprints import fingerprints_of
 from marsedl.replication.scaffold import new_paper
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemake
@@ -39,12 +41,6 @@ from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemak
 settings.register_profile("repeatable", derandomize=True, database=None)
 settings.load_profile("repeatable")
 
-ROOT = Path(__file__).parents[1]
-# Kernels are compiled once for these processes and all jobs. Threads are not pinned here: some tests count them.
-os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(ROOT, fingerprints_of(ROOT).kernels()))
-os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
-if features := kernels.vector_features():
-    os.environ["NUMBA_CPU_FEATURES"] = features
 GLIDE, HOP = "hypersonic_glide", "short_hop"  # of the small project: with Monte Carlo and without
 BUILD = Path(__file__).parent / "workflow" / "build.py"
 OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project

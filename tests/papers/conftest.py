@@ -31,6 +31,7 @@ REDUCED = {
         "drawn_trials": DRAWN_TRIALS,
         "choice_steps": np.array([0.05, 0.1]),
         "choice_passes": 3,
+        "choice_trials": 200,
         "choice_mass_flow_constants": np.array([4.85e-4, 4.8558069e-4]),
     },
     "stochastic_entry": {
@@ -55,6 +56,8 @@ REDUCED = {
         "sweep_points": 9,
         "tuning_starts": 1,
         "gain_iterations": 60,
+        "unregularized_iterations": 30,
+        "all_columns_iterations": 10,
     },
     "funnels": {
         "drawn_trials": DRAWN_TRIALS,
