@@ -41,6 +41,7 @@ def browser():
 def opened(browser, copied, name, width=1440, **options):
     """A page, and what its console and network say."""
     page = browser.new_page(viewport={"width": width, "height": SCREEN}, **options)
+    page.set_default_timeout(120_000)  # of a busy machine
     messages = []
     page.on("console", lambda message: messages.append(message.text) if message.type in ("error", "warning") else None)
     page.on("pageerror", lambda error: messages.append(str(error)))

@@ -341,9 +341,11 @@ def test_a_claim_that_nothing_turns_any_more_is_a_change(project, capsys):
 
 
 @pytest.mark.parametrize(("contents", "equal"), [(("1", "1"), True), (("1", "2"), False)])
-def test_the_second_build_makes_one_paper_and_each_corrected_artifact(project, monkeypatch, capsys, contents, equal):
+def test_the_second_build_makes_one_paper_and_the_corrected_flights_of_others(
+    project, monkeypatch, capsys, contents, equal
+):
     """With other cores, chunks, hash seed, time zone and locale; a number that differs is named."""
-    calls, product = [], "data/cache/funnels/corrected/gains.h5"
+    calls, product = [], "data/cache/funnels/corrected/montecarlo.closed_loop.h5"
 
     def fake(folder, *arguments, **environment):
         calls.append((folder, arguments, environment))

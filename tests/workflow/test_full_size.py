@@ -20,7 +20,7 @@ pytestmark = pytest.mark.workflow
 ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "data" / "reference" / "benchmarks.csv"
 READINGS = ("corrected", "printed")  # which the smoke size builds
-IN_MEMORY = ("powered_descent", "stochastic_entry")
+IN_MEMORY = ("powered_descent", pytest.param("stochastic_entry", marks=pytest.mark.long))
 
 
 def study_of(slug, size="full"):

@@ -110,8 +110,9 @@ def _output_of(*command: str) -> str | None:
 def build_twice(root: Path) -> bool:
     """Build the smoke size, then a part of it again, both from nothing, and compare the digests of these products.
 
-    The part is one paper whole, and of every other paper all artifacts of its corrected reading, which no stage is
-    missing from. Prints what differs. Raises MarsedlError if a build fails.
+    The part is one paper whole, and of every other paper the flights and funnels of its corrected reading with all
+    that leads to them: nominal trajectory, linearization, gain design. Prints what differs. Raises MarsedlError if a
+    build fails.
     """
     offline, language, found = offline_works(), other_locale(), []
     if not offline:
@@ -142,8 +143,9 @@ def build_twice(root: Path) -> bool:
 def _again(products: Iterable[str]) -> list[str]:
     """What the second build makes of the products of the first."""
     whole = [*(f"report/{kind}/{WHOLE}.json" for kind in ("claims", "counterexamples")), WHOLE]
-    corrected = [name for name in products if fnmatchcase(name, "data/cache/*/corrected/*.h5")]
-    return [*whole, *(name for name in corrected if name.split("/")[2] != WHOLE)]
+    last = [f"data/cache/*/corrected/{name}.h5" for name in ("montecarlo.*", "funnel")]
+    found = [name for name in products if any(fnmatchcase(name, pattern) for pattern in last)]
+    return [*whole, *(name for name in found if name.split("/")[2] != WHOLE)]
 
 
 def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str, dict | str]:
