@@ -123,13 +123,13 @@ def test_on_a_file_system_without_locks_kernels_are_compiled_without_turns(tmp_p
 # ---------------------------------------------------------------------------------------------- what the folder is of
 
 
-def fingerprints(source):
-    return Fingerprints(source / "none" / "fingerprints.json", source, source / "none")
+def fingerprints(source, folder):
+    return Fingerprints(folder / "fingerprints.json", source, folder / "none")
 
 
-def test_every_cached_kernel_is_known():
+def test_every_cached_kernel_is_known(tmp_path):
     """Otherwise an edit of what it reaches would leave it as it was."""
-    valid_names = [entry.split(":")[0] for entry in fingerprints(SOURCE).compiled()]
+    valid_names = [entry.split(":")[0] for entry in fingerprints(SOURCE, tmp_path).compiled()]
     cached = [path for path in sorted(SOURCE.rglob("*.py")) if "cache=True" in path.read_text(encoding="utf-8")]
     names = {".".join(path.relative_to(SOURCE).with_suffix("").parts) for path in cached}
     assert names - {"marsedl.replication.fingerprints"} == set(valid_names)
@@ -137,7 +137,7 @@ def test_every_cached_kernel_is_known():
 
 
 def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_path):
-    before = fingerprints(SOURCE).kernels()
+    before = fingerprints(SOURCE, tmp_path).kernels()
     copy = shutil.copytree(SOURCE, tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
     for name, text, same in (
         ("papers/funnels/claims/measures.py", "EDITED = 1", True),
@@ -147,4 +147,4 @@ def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_p
     ):
         with (copy / "marsedl" / name).open("a", encoding="utf-8") as file:
             file.write(f"\n{text}\n")
-        assert (fingerprints(copy).kernels() == before) == same
+        assert (fingerprints(copy, tmp_path).kernels() == before) == same
