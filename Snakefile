@@ -1,14 +1,17 @@
 # Regenerates every figure, table and number of the replicated papers. Plain `snakemake all` is right: see
 # profiles/default for the settings it uses and README.md for the targets.
+import atexit
 import sys
 from pathlib import Path
 
-from marsedl.replication.command_line import check_python
 from marsedl.replication.errors import MarsedlError
-from marsedl.replication.jobs import pin_numerics
+from marsedl.replication.pipeline.numerics import pin_numerics
 
 try:
-    check_python(sys.executable)
+    if " " in sys.executable:
+        raise MarsedlError(
+            f"{sys.executable}: Snakemake runs no Python whose path has a space; move the project, or its environment"
+        )
     pin_numerics(Path(workflow.current_basedir))
 except MarsedlError as error:
     sys.exit(f"\nmarsedl: {error}\n")
@@ -47,6 +50,9 @@ rule all:
 
 # After all rules, whose names a user may ask for.
 try:
-    command_line.check_targets(WORDS, [rule.name for rule in workflow.rules], SHARED, STUDIES, COMPARISONS)
+    targets.check_targets(WORDS, [rule.name for rule in workflow.rules], RECIPES)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
+# What the jobs are planned from is kept for them and for the next plan: now, and with what is read while planning.
+RECIPES.sources.save()
+atexit.register(RECIPES.sources.save)

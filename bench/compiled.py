@@ -17,22 +17,16 @@ FLAGS = "-std=c11 -O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapp
 WIDE = "-mprefer-vector-width=512"  # on processors that have such vectors; without it compilers take 256 bits
 
 
-def compiler():
-    """Command of the system's C compiler; None if there is none."""
-    found = [name for name in ("cc", "gcc", "clang") if shutil.which(name)]
-    return shlex.split(os.environ.get("CC", "")) or found[:1] or None
-
-
 @cache
 def library(name):
     """The shared library of `name`.c in this folder; None, after a loud word, where no compiler is."""
-    if not (command := compiler()):
+    found = [command for command in ("cc", "gcc", "clang") if shutil.which(command)]
+    if not (compiler := shlex.split(os.environ.get("CC", "")) or found[:1]):
         print(f"NO C COMPILER: flights in C are SKIPPED ({name}.c); install one, or name it by CC", file=sys.stderr)
         return None
-    folder = Path(tempfile.mkdtemp())
-    source, target = Path(__file__).with_name(f"{name}.c"), folder / f"{name}.so"
-    wide = [WIDE] if os.uname().machine == "x86_64" else []
-    subprocess.run([*command, *FLAGS.split(), *wide, "-o", str(target), str(source), "-lm"], check=True)
+    source, target = Path(__file__).with_name(f"{name}.c"), Path(tempfile.mkdtemp()) / f"{name}.so"
+    flags = [*FLAGS.split(), *[WIDE] * (os.uname().machine == "x86_64")]
+    subprocess.run([*compiler, *flags, "-o", str(target), str(source), "-lm"], check=True)
     return ctypes.CDLL(str(target))
 
 
@@ -42,6 +36,10 @@ def pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def structure(name, **types):
-    """A C structure of these fields in their order."""
-    return type(name, (ctypes.Structure,), {"_fields_": list(types.items())})
+def structure(**fields):
+    """A C structure of fields in their order: names, separated by blanks, by type."""
+    listed = [(name, kind) for kinds, kind in _TYPES.items() for name in fields.get(kinds, "").split()]
+    return type("Structure", (ctypes.Structure,), {"_fields_": listed})
+
+
+_TYPES = {"pointers": ctypes.c_void_p, "doubles": ctypes.c_double, "integers": ctypes.c_int64, "keys": ctypes.c_uint64}

@@ -6,13 +6,19 @@ there. Rows that are not measured anew stay as they were. Start-up of Snakemake 
 """
 
 import argparse
-import csv
-from collections import defaultdict
 from pathlib import Path
+
+import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTPUT = ROOT / "data" / "reference" / "costs.csv"
-COLUMNS = ("where", "what", "jobs", "cpu_s", "longest_s", "memory_mb")
+KEY = ["where", "what"]
+COLUMNS = {
+    "jobs": ("s", "size"),
+    "cpu_s": ("cpu_time", "sum"),
+    "longest_s": ("s", "max"),
+    "memory_mb": ("max_rss", "max"),
+}
 
 
 def kind_of(path: Path) -> tuple[str, str]:
@@ -25,24 +31,15 @@ def kind_of(path: Path) -> tuple[str, str]:
     return folders[0], name if name in ("claims", "counterexamples") else "figures and tables"
 
 
-def number(text: str) -> float:
-    """Return a value of a benchmark; Snakemake has none of a job that ended before it looked."""
-    return float(text) if text not in ("-", "NA") else 0.0
-
-
-def measured(folder: Path) -> dict[tuple[str, str], dict]:
-    """Return the costs of each kind of job of the build in a folder, and their sum."""
-    costs: dict = defaultdict(lambda: {"jobs": 0, "cpu_s": 0.0, "longest_s": 0.0, "memory_mb": 0.0})
+def measured(folder: Path) -> pd.DataFrame:
+    """Return the costs of each kind of job of the build in a folder, and their sum; empty if there is none."""
+    parts = []
     for path in sorted((folder / "benchmarks").rglob("*.tsv")):
-        with path.open(encoding="utf-8", newline="") as file:
-            [row] = csv.DictReader(file, delimiter="\t")
-        for kind in (kind_of(path.relative_to(folder / "benchmarks")), ("all", "sum")):
-            cost = costs[kind]
-            cost["jobs"] += 1
-            cost["cpu_s"] += number(row["cpu_time"])
-            cost["longest_s"] = max(cost["longest_s"], number(row["s"]))
-            cost["memory_mb"] = max(cost["memory_mb"], number(row["max_rss"]))
-    return dict(costs)
+        row = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).fillna({"cpu_time": 0.0, "max_rss": 0.0})
+        parts += [
+            row.assign(where=w, what=k) for w, k in (kind_of(path.relative_to(folder / "benchmarks")), ("all", "sum"))
+        ]
+    return pd.concat(parts).groupby(KEY).agg(**COLUMNS).round().astype("int64") if parts else pd.DataFrame()
 
 
 def main() -> None:
@@ -51,20 +48,14 @@ def main() -> None:
     parser.add_argument("--ci", type=Path, help="file of lines 'part,seconds'")
     parser.add_argument("folder", type=Path, nargs="?", default=ROOT, help="of the build")
     arguments = parser.parse_args()
-    rows = {kind: {**cost, "where": kind[0], "what": kind[1]} for kind, cost in measured(arguments.folder).items()}
-    if OUTPUT.exists():
-        with OUTPUT.open(encoding="utf-8", newline="") as file:
-            kept = [row for row in csv.DictReader(file) if not rows or row["where"] == "ci"]
-        rows = {(row["where"], row["what"]): row for row in kept} | rows
+    old = pd.read_csv(OUTPUT, dtype=dict.fromkeys(COLUMNS, "Int64"), index_col=KEY)
+    new = [measured(arguments.folder)]
     if arguments.ci:
-        for line in arguments.ci.read_text(encoding="utf-8").split():
-            part, seconds = line.split(",")
-            rows["ci", part] = {"where": "ci", "what": part, "longest_s": float(seconds)}
-    with OUTPUT.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for _, row in sorted(rows.items()):
-            writer.writerow({key: f"{value:.0f}" if isinstance(value, float) else value for key, value in row.items()})
+        seconds = pd.read_csv(arguments.ci, names=["what", "longest_s"]).assign(where="ci")
+        new.append(seconds.astype({"longest_s": "int64"}).set_index(KEY))
+    rows = pd.concat([old.query("where == 'ci'") if len(new[0]) else old, *new])
+    rows = rows[~rows.index.duplicated(keep="last")].sort_index()
+    rows.astype("Int64").to_csv(OUTPUT, columns=list(COLUMNS), lineterminator="\n")
 
 
 if __name__ == "__main__":

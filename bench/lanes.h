@@ -119,3 +119,25 @@ INLINE void fill_normals(uint64_t seed, uint64_t stream, uint64_t first_trial, u
             out[2 * half][lane] = radius * turn.cosine, out[2 * half + 1][lane] = radius * turn.sine;
         }
 }
+
+/* ---- classical Runge-Kutta: drift(number, state, out) writes the rates at the start, the middle (1) and the end (2) ---- */
+
+#define RUNGE_KUTTA(states, step, state, drift)                                                             \
+    do {                                                                                                    \
+        row_t stage[states], slope[states], total[states];                                                  \
+        double half = 0.5 * (step), sixth = (step) / 6.0;                                                   \
+        drift(0, state, slope);                                                                             \
+        for (int row = 0; row < states; row++)                                                              \
+            EACH_LANE total[row][lane] = slope[row][lane], stage[row][lane] = state[row][lane] + half * slope[row][lane]; \
+        for (int middle = 0; middle < 2; middle++) {                                                        \
+            double length = middle ? (step) : half;                                                         \
+            drift(1, stage, slope);                                                                         \
+            for (int row = 0; row < states; row++)                                                          \
+                EACH_LANE {                                                                                 \
+                    total[row][lane] += 2.0 * slope[row][lane];                                             \
+                    stage[row][lane] = state[row][lane] + length * slope[row][lane];                        \
+                }                                                                                           \
+        }                                                                                                   \
+        drift(2, stage, slope);                                                                             \
+        for (int row = 0; row < states; row++) EACH_LANE state[row][lane] += sixth * (total[row][lane] + slope[row][lane]); \
+    } while (0)

@@ -7,7 +7,6 @@ worst margin of every artifact in data/reference/machines.csv. Rows of other mac
 
 import argparse
 import csv
-import io
 import json
 import subprocess
 import sys
@@ -15,18 +14,12 @@ from itertools import groupby
 from pathlib import Path
 
 from marsedl.papers import SLUGS, rounding_noise
-from marsedl.replication.claims import write_text
+from marsedl.replication.checks.reference import compare, fingerprints, format_changes
+from marsedl.replication.checks.twice import copy_tree, snakemake
+from marsedl.replication.claims.committed import VERDICTS
+from marsedl.replication.records.tables import read_table
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.tables import read_table
 from marsedl.replication.terminal import columns
-from marsedl.replication.verification import (
-    built_verdicts,
-    compare,
-    copy_tree,
-    fingerprints,
-    format_changes,
-    snakemake,
-)
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "data" / "reference" / "machines.csv"
@@ -44,11 +37,12 @@ INSTRUCTION_SETS = {
     },
     "avx512": {"OPENBLAS_CORETYPE": "SkylakeX", "NUMBA_CPU_NAME": "skylake-avx512", "NUMBA_CPU_FEATURES": ""},
 }
-# Appended to replication/jobs.py of a copy of the project.
+# Appended to a copy of the project's pins.
+PINNED_IN = "src/marsedl/replication/pipeline/numerics.py"
 PINS = """
-from marsedl.replication import kernels
+from marsedl.replication.pipeline import kernel_cache
 NUMERIC_ENVIRONMENT.update({variables!r})
-kernels.vector_features = lambda: ""
+kernel_cache.vector_features = lambda: ""
 """
 VERSIONS = f"""
 import json, platform
@@ -67,7 +61,7 @@ def build(folder: Path, slugs: list[str], cores: int, variables: dict[str, str],
     """Build the claims of some papers at the smoke size in an empty folder, with other pins or another Python."""
     copy_tree(ROOT, folder)
     if variables:
-        with (folder / "src" / "marsedl" / "replication" / "jobs.py").open("a", encoding="utf-8") as file:
+        with (folder / PINNED_IN).open("a", encoding="utf-8") as file:
             file.write(PINS.format(variables=variables))
     print(f"smoke build in {folder}", flush=True)
     targets = [f"report/claims/{slug}.json" for slug in slugs]
@@ -78,23 +72,21 @@ def build(folder: Path, slugs: list[str], cores: int, variables: dict[str, str],
 
 def compared(pinned: Path, folder: Path, slug: str) -> list[tuple[str, ...]]:
     """Rows of the table for one paper, without the machine: verdicts, claims, and every artifact."""
-    builds = [build_folder(root, "smoke") for root in (pinned, folder)]
     entries = []
-    for made in builds:
+    for made in (build_folder(root, "smoke") for root in (pinned, folder)):
         paths = sorted(made.glob(f"data/cache/{slug}/*/*.h5"))
         entries.append(fingerprints(made, slug, {f"{path.parent.name}/{path.stem}": path for path in paths}))
     comparison = compare(*entries, rounding_noise().get(slug, ()))
     if comparison.changes:
-        print(format_changes(comparison.changes), flush=True)
-    changed = [change.name for change in comparison.changes if change.verdict]
-    verdicts = sum(map(len, built_verdicts(builds[0], slug).values()))
+        print(format_changes(comparison), flush=True)
+    changed = [change.name for change in comparison.of(VERDICTS)]
+    verdicts = sum(len(entry) for name, entry in entries[0].items() if name.startswith(VERDICTS))
     rows = [(slug, "verdicts", str(verdicts), str(len(changed)), "", "; ".join(changed))]
     margins = {name: value for name, value in comparison.margins.items() if name not in comparison.by_shape}
-    margins |= {c.name: c.margin for c in comparison.changes if not c.verdict}  # those that one build lacks, too
-    for artifact, names in groupby(sorted(margins, key=artifact_of), key=artifact_of):
-        names = sorted(names)
-        worst = max(names, key=margins.get)
-        beyond = sum(margins[name] > 1 for name in names)
+    margins |= {change.name: change.margin for change in comparison.of("")}  # those that one build lacks, too
+    for artifact, group in groupby(sorted(margins, key=artifact_of), key=artifact_of):
+        names = sorted(group)
+        worst, beyond = max(names, key=margins.get), sum(margins[name] > 1 for name in names)
         where = worst.replace(f"{artifact}/", "", 1) if margins[worst] > 0 else ""
         rows.append((slug, artifact, str(len(names)), str(beyond), f"{margins[worst]:.1e}", where))
     return rows
@@ -104,17 +96,6 @@ def artifact_of(name: str) -> str:
     """The artifact, without its reading, that a number of this name is of, or `claims`."""
     first, second, _ = name.split("/")
     return first if first == "claims" else second
-
-
-def store(new_rows: list[tuple[str, ...]]) -> None:
-    """Write rows into the table, in place of those of the same machines and papers."""
-    old_rows = read_table(TABLE)[1:] if TABLE.exists() else []
-    names = list(dict.fromkeys(row[0] for row in [*old_rows, *new_rows]))
-    replaced = {(row[0], row[2]) for row in new_rows}
-    all_rows = [*(row for row in old_rows if (row[0], row[2]) not in replaced), *new_rows]
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([HEADER, *sorted(all_rows, key=lambda row: names.index(row[0]))])
-    write_text(TABLE, text.getvalue())
 
 
 def main() -> int:
@@ -137,7 +118,11 @@ def main() -> int:
             of_paper = [(name, setting, *row) for row in compared(folder / "pinned", folder / name, slug)]
             print(f"{name}, {slug}\n{columns([row[3:] for row in (HEADER, *of_paper)], 2)}", flush=True)
             rows += of_paper
-    store(rows)
+    replaced = {(row[0], row[2]) for row in rows}
+    table = [*(row for row in read_table(TABLE)[1:] if (row[0], row[2]) not in replaced), *rows]
+    order = list(dict.fromkeys(row[0] for row in table))
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([HEADER, *sorted(table, key=lambda row: order.index(row[0]))])
     return int(any(row[HEADER.index("beyond")] != "0" for row in rows))
 
 

@@ -1,30 +1,26 @@
 """What the benchmarks of all papers share: inputs, taking turns, rows with targets."""
 
-import json
 import os
-import re
 import resource
 import statistics
-import subprocess
 import sys
 import time
 from functools import cache
 from pathlib import Path
 
+import numba
 import numpy as np
 
 from marsedl.papers import catalogue, input_model
-from marsedl.replication.catalogue import FLIGHTS
-from marsedl.replication.graph import Memory, Run
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import arguments_of
-from marsedl.replication.verification import snakemake
+from marsedl.replication.checks.twice import snakemake
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.pipeline.catalogue import FLIGHTS
+from marsedl.replication.pipeline.runner import Memory, Run
 
 ROOT = Path(__file__).resolve().parents[1]
-RUN = Path(__file__).with_name("run.py")
 CORES = len(os.sched_getaffinity(0))
 REPETITIONS = 7
-C_REPETITIONS = 25  # they differ by little
+FLIGHT_REPETITIONS = 25  # a kernel and its twin in C differ by little
 
 
 class Rows:
@@ -45,15 +41,10 @@ class Rows:
         def row(quantity, value, unit, at_least=None, below=None, note=""):
             target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
             met = value >= at_least if at_least is not None else value < below if below is not None else None
-            answer = {None: "", True: "yes", False: "no"}[met]
-            self.rows.append((paper, quantity, rounded(value), unit, target, answer, "" if met is not False else note))
+            answer, three_digits = {None: "", True: "yes", False: "no"}[met], f"{float(f'{value:.3g}'):.9g}"
+            self.rows.append((paper, quantity, three_digits, unit, target, answer, "" if met is not False else note))
 
         return row
-
-
-def rounded(value):
-    """Three digits."""
-    return f"{float(f'{value:.3g}'):.9g}"
 
 
 def say(text):
@@ -79,14 +70,11 @@ def designed(slug):
     return paper
 
 
-def ensemble(design, case, trials):
-    """A Monte Carlo case with this number of trials, flown and gathered on what a run remembers of the design."""
-    return Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")
-
-
-def sections(slug, function):
-    """The sections of the corrected reading that a function takes, by their names."""
-    return arguments_of(function, inputs_of(slug).plain(), lambda name, kind: None)
+def fly_ensembles(design, cases, trials):
+    """Fly and gather this number of trials of each case on what a run remembers of the design."""
+    for case in cases:
+        flown = Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")
+        assert np.all(flown.count + flown.excluded == trials)
 
 
 def interleaved(functions, repetitions=REPETITIONS):
@@ -102,22 +90,44 @@ def interleaved(functions, repetitions=REPETITIONS):
     return [statistics.median(taken) for taken in times]
 
 
+def cpu_seconds(function, repetitions=3):
+    """Median CPU time (s) of a function."""
+    times = []
+    for _ in range(repetitions):
+        start = time.process_time()
+        function()
+        times.append(time.process_time() - start)
+    return statistics.median(times)
+
+
+def compare_flights(row, label, trials, flights):
+    """Rows for the same flights by several functions, by name, which take turns; returns their seconds by name."""
+    seconds = dict(zip(flights, interleaved(list(flights.values()), FLIGHT_REPETITIONS), strict=True))
+    for name, taken in seconds.items():
+        row(f"{name}, {label}", 1e6 * taken / trials, "us per trial")
+    return seconds
+
+
 def same_bits(mine, theirs):
     """Raise AssertionError unless `Trajectories` have the same bits in all outputs up to the ends of the trials."""
     np.testing.assert_array_equal(mine.length, theirs.length)
     flying = np.arange(len(theirs.history))[:, np.newaxis, np.newaxis] < theirs.length
     for name in ("history", "observed", "observed_maximum", "final_state"):
-        of_both = [getattr(flown, name) for flown in (mine, theirs)]
-        if of_both[0].ndim == 3:
-            of_both = [np.where(flying, table, 0.0) for table in of_both]
-        np.testing.assert_array_equal(*of_both, err_msg=name)
+        pair = [getattr(flown, name) for flown in (mine, theirs)]
+        pair = [np.where(flying, table, 0.0) if table.ndim == 3 else table for table in pair]
+        np.testing.assert_array_equal(*pair, err_msg=name)
 
 
-def against_c(row, kernel, in_c, label, trials, at_least):
-    """Rows for the same flights in strict C: its time, and the speed of the kernel over it."""
-    taken, theirs = interleaved((kernel, in_c), C_REPETITIONS)
-    row(f"strict C, {label}", 1e6 * theirs / trials, "us per trial")
-    row(f"speed of the kernel over strict C, {label}", theirs / taken, "ratio", at_least=at_least)
+def scaling(row, fly):
+    """Row for the speed of two threads over one; `fly` flies enough trials for both."""
+
+    def with_threads(number):
+        numba.set_num_threads(number)
+        fly()
+
+    one, two = interleaved([lambda: with_threads(1), lambda: with_threads(2)])
+    numba.set_num_threads(1)
+    row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
 
 
 def children_cpu(tree, target):
@@ -130,33 +140,3 @@ def children_cpu(tree, target):
     assert done.returncode == 0, done.stdout[-3000:]
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def measure_ensembles(row, paper, sizes, largest_memory):
-    """Rows for ensembles of these sizes, each flown and gathered by a process of its own, which runs one thread.
-
-    The paper's benchmark has `ensemble_in_this_process(trials)`, which calls `tell_ensemble`. largest_memory: limit of
-    the peak memory, MB, whatever the size. Returns the seconds of the last one.
-    """
-    for trials in sizes:
-        say(f"{paper.slug}: ensemble of {trials:,} trials")
-        command = [sys.executable, str(RUN), "--ensemble", paper.slug, str(trials)]
-        done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        row(f"ensemble of {trials:,} trials, speed", done["trials"] / done["seconds"], "trials per s and core")
-        row(f"ensemble of {trials:,} trials, peak memory of the process", done["memory"], "MB", below=largest_memory)
-    return done["seconds"]
-
-
-def tell_ensemble(fly, trials):
-    """Call `fly()`, which flies this number of trials, and print its seconds and the peak memory (MB) as JSON."""
-    start = time.perf_counter()
-    fly()
-    print(json.dumps({"seconds": time.perf_counter() - start, "trials": trials, "memory": peak_memory()}))
-
-
-def peak_memory(process="self"):
-    """Peak resident memory of this or another process, MB; `ru_maxrss` would count that of who started it too."""
-    status = Path(f"/proc/{process}/status")
-    if not status.exists():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text()).group(1)) / 1024

@@ -49,9 +49,9 @@ INLINE void store(int64_t output, int64_t trials, int rows, double values[][LANE
 /* state: (5, trials), replaced; history, observed: (outputs, 5 or 2, trials), filled; most: (2, trials), raised. */
 void fly_segment(const segment_t *s, double *states, double *history, double *observed, double *maxima) {
     for (int64_t group = 0; group < s->trials / LANES; group++) {
-        row_t state[STATES], stage[STATES], slope[STATES], total[STATES], noise[2], normals[4], seen[OBSERVED], most[OBSERVED];
+        row_t state[STATES], noise[2], normals[4], seen[OBSERVED], most[OBSERVED];
         int64_t offset = group * LANES, number = 2 * s->first_increment, filled = -1;
-        double scale = sqrt(s->step / 1.0) / s->step, half = 0.5 * s->step, sixth = s->step / 6.0;
+        double scale = sqrt(s->step / 1.0) / s->step;
         for (int row = 0; row < STATES; row++) memcpy(state[row], states + row * s->trials + offset, sizeof(row_t));
         for (int row = 0; row < OBSERVED; row++) memcpy(most[row], maxima + row * s->trials + offset, sizeof(row_t));
         for (int64_t k = 0; k < s->steps; k++) {
@@ -64,21 +64,8 @@ void fly_segment(const segment_t *s, double *states, double *history, double *ob
                 if (number / 4 != filled) fill_normals(s->seed, s->stream, s->first_trial + offset, filled = number / 4, normals);
                 EACH_LANE noise[component][lane] = (0.0 + normals[number % 4][lane]) * scale;
             }
-            drift(s, 2 * k, state, noise, slope);
-            for (int row = 0; row < STATES; row++)
-                EACH_LANE total[row][lane] = slope[row][lane], stage[row][lane] = state[row][lane] + half * slope[row][lane];
-            for (int middle = 0; middle < 2; middle++) {
-                double length = middle ? s->step : half;
-                drift(s, 2 * k + 1, stage, noise, slope);
-                for (int row = 0; row < STATES; row++)
-                    EACH_LANE {
-                        total[row][lane] += 2.0 * slope[row][lane];
-                        stage[row][lane] = state[row][lane] + length * slope[row][lane];
-                    }
-            }
-            drift(s, 2 * k + 2, stage, noise, slope);
-            for (int row = 0; row < STATES; row++)
-                EACH_LANE state[row][lane] += sixth * (total[row][lane] + slope[row][lane]);
+#define DRIFT(number, x, out) drift(s, 2 * k + (number), x, noise, out)
+            RUNGE_KUTTA(STATES, s->step, state, DRIFT);
         }
         observe(s, 2 * s->steps, state, seen, most);
         store(s->steps / s->every, s->trials, STATES, state, history + offset);

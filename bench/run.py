@@ -13,7 +13,7 @@ import tempfile
 from importlib import import_module
 from pathlib import Path
 
-from marsedl.replication.jobs import pin_numerics
+from marsedl.replication.pipeline.numerics import pin_numerics
 
 ROOT = Path(__file__).resolve().parents[1]
 pin_numerics(ROOT)
@@ -23,8 +23,9 @@ del os.environ["NPY_DISABLE_CPU_FEATURES"]  # array code may be as fast as it ca
 from measuring import Rows, children_cpu, say  # noqa: E402
 
 from marsedl.papers import SLUGS  # noqa: E402
+from marsedl.replication.checks.twice import copy_tree  # noqa: E402
 from marsedl.replication.errors import nearest  # noqa: E402
-from marsedl.replication.verification import copy_tree  # noqa: E402
+from marsedl.replication.terminal import columns  # noqa: E402
 
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"
 # What is compared with a target; the benchmarks do not measure why it is missed.
@@ -34,63 +35,50 @@ ONE_FIGURE = "Median CPU time of three runs that draw one figure, less that of o
 
 def measure_pipelines(rows, slugs):
     """CPU time of every paper from nothing, each in a tree of its own, then of runs with little or nothing to do."""
+    everything = set(slugs) == set(SLUGS)
     with tempfile.TemporaryDirectory() as folder:
         for slug in slugs:
             say(f"{slug}: pipeline from nothing")
-            tree = copy_tree(ROOT, Path(folder) / slug)
-            limit = import_module(slug).PIPELINE_LIMIT
-            row, spent = rows.of(slug), children_cpu(tree, slug)
-            row(f"snakemake {slug}, full size, from nothing", spent, "CPU s", below=limit, note=FROM_NOTHING)
+            tree, limit = copy_tree(ROOT, Path(folder) / slug), import_module(slug).PIPELINE_LIMIT
+            spent = children_cpu(tree, slug)
+            title = f"snakemake {slug}, full size, from nothing"
+            rows.of(slug)(title, spent, "CPU s", below=limit, note=FROM_NOTHING)
         say("pipeline with nothing to do, and for one figure")
-        everything = set(slugs) == set(SLUGS)
         if everything:
             children_cpu(tree, "all")
             nothing = statistics.median(children_cpu(tree, "all") for _ in range(3))
             rows.of("all")("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
         for slug in slugs:
+            tree = tree if everything else Path(folder) / slug
             if not everything:
-                tree = Path(folder) / slug
                 nothing = statistics.median(children_cpu(tree, slug) for _ in range(3))
-            figure = tree / "figures" / slug / f"{import_module(slug).FIGURE}.png"
-
-            def draw(tree=tree, figure=figure):
-                figure.unlink()
-                return children_cpu(tree, str(figure.relative_to(tree)))
-
-            drawn = statistics.median(draw() for _ in range(3))
-            row = rows.of(slug)
-            row("one figure drawn again, beyond that", drawn - nothing, "CPU s", below=3.0, note=ONE_FIGURE)
-
-
-def stored(measured):
-    """The rows to store: those measured now, and the old ones of other papers, paper by paper."""
-    now = {paper for paper, *_ in measured}
-    with OUTPUT.open(encoding="utf-8", newline="") as file:
-        kept = [tuple(row) for row in list(csv.reader(file))[1:] if row[0] not in now]
-    order = {paper: place for place, paper in enumerate((*SLUGS, "all"))}
-    return sorted([*kept, *measured], key=lambda row: order.get(row[0], len(order)))
+            figure, drawn = f"figures/{slug}/{import_module(slug).FIGURE}.png", []
+            for _ in range(3):
+                (tree / figure).unlink()
+                drawn.append(children_cpu(tree, figure) - nothing)
+            title = "one figure drawn again, beyond that"
+            rows.of(slug)(title, statistics.median(drawn), "CPU s", below=3.0, note=ONE_FIGURE)
 
 
 def main(slugs):
     """Measure, store and print."""
     rows = Rows()
     for slug in slugs:
+        say(f"{slug}: design and flights")
         import_module(slug).measure(rows.of(slug))
     measure_pipelines(rows, slugs)
-    table = [Rows.HEADER, *stored(rows.rows)]
+    with OUTPUT.open(encoding="utf-8", newline="") as file:
+        _, *old = csv.reader(file)
+    now, order = {paper for paper, *_ in rows.rows}, (*SLUGS, "all")
+    stored = [*(row for row in old if row[0] not in now), *rows.rows]
     with OUTPUT.open("w", encoding="utf-8", newline="") as file:
+        table = [Rows.HEADER, *sorted(stored, key=lambda row: order.index(row[0]))]
         csv.writer(file, lineterminator="\n").writerows(table)
-    widths = [max(map(len, column)) for column in zip(Rows.HEADER, *rows.rows, strict=True)]
-    for row in [Rows.HEADER, *rows.rows]:
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    print(columns([Rows.HEADER, *rows.rows]))
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--ensemble"]:
-        import_module(sys.argv[2]).ensemble_in_this_process(int(sys.argv[3]))
-    elif sys.argv[1:2] == ["--program"]:
-        import_module(sys.argv[2]).program_in_this_process(sys.argv[3], int(sys.argv[4]))
-    elif unknown := next((slug for slug in sys.argv[1:] if slug not in SLUGS), None):
+    if unknown := next((slug for slug in sys.argv[1:] if slug not in SLUGS), None):
         sys.exit(f"bench/run.py: there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
     else:
         main(sys.argv[1:] or SLUGS)

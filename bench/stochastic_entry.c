@@ -1,15 +1,14 @@
-/* The entry's flights as src/marsedl/papers/stochastic_entry/flight.py flies them, outputs once a guidance period. */
+/* The entry's flights as src/marsedl/papers/stochastic_entry/flight.py flies them to the velocity trigger in the reading
+ * `corrected`, outputs once a guidance period. */
 #include "lanes.h"
 
 enum { RADIUS, LONGITUDE, LATITUDE, SPEED, PATH_ANGLE, AZIMUTH, STATES };
 enum { VELOCITY = 1, DRAG = 5, ALTITUDE_RATE, FEATURES };
 enum { SIGHTED_CROSSRANGE, DOWNRANGE_ANGLE, CROSSRANGE_ANGLE, SIGHTED };
-enum { DIRECTION, COMMAND, COMMAND_BEFORE, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, ALIGNING, FLYING, STEERED };
+enum { DIRECTION, COMMAND, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, ALIGNING, FLYING, STEERED };
 enum { CROSSRANGE = 5, BANK_COSINE, HISTORY };
 enum { END_TIME = 6, REVERSALS, NEGATIVE_DENSITIES, FINAL };
 enum { SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR, AERO };
-enum { NOMINAL, BY_VELOCITY, BY_TIME };
-enum { CORRECTED, PRINTED };
 
 typedef struct { /* the record `settings` */
     double gravitational_parameter, rotation_rate, planet_radius, target_longitude, sin_target_latitude;
@@ -27,7 +26,7 @@ typedef struct {
     const double *table, *gain, *reference, *bank_cosine;          /* of the law */
     const double *entry_state, *drag_factor, *lift_factor;         /* (6, trials), (trials,) */
     double least_drag, end_time;
-    int64_t nodes, kind, rows, velocity_trigger, cycles, substeps, trials; /* trials: whole groups */
+    int64_t nodes, by_time, rows, cycles, substeps, trials; /* trials: whole groups */
     uint64_t seed, stream, first_trial;
 } problem_t;
 
@@ -85,22 +84,8 @@ INLINE void drift(flight_t *f, double state[][LANES], double out[][LANES]) {
 }
 
 static void advance(flight_t *f, double step, double state[][LANES]) {
-    row_t stage[STATES], slope[STATES], total[STATES];
-    double half = 0.5 * step, sixth = step / 6.0;
-    drift(f, state, slope);
-    for (int row = 0; row < STATES; row++)
-        EACH_LANE total[row][lane] = slope[row][lane], stage[row][lane] = state[row][lane] + half * slope[row][lane];
-    for (int middle = 0; middle < 2; middle++) {
-        double length = middle ? step : half;
-        drift(f, stage, slope);
-        for (int row = 0; row < STATES; row++)
-            EACH_LANE {
-                total[row][lane] += 2.0 * slope[row][lane];
-                stage[row][lane] = state[row][lane] + length * slope[row][lane];
-            }
-    }
-    drift(f, stage, slope);
-    for (int row = 0; row < STATES; row++) EACH_LANE state[row][lane] += sixth * (total[row][lane] + slope[row][lane]);
+#define DRIFT(number, x, out) drift(f, x, out)
+    RUNGE_KUTTA(STATES, step, state, DRIFT);
 }
 
 static void step_lane(const flight_t *f, double step, int lane, const double start[STATES], double end[STATES]) {
@@ -185,38 +170,35 @@ static int64_t row_before(double velocity, const double *table, int64_t rows) {
 static void command_cosine(const flight_t *f, int64_t cycle, double feature[][LANES], double steering[][LANES]) {
     const problem_t *p = f->p;
     const settings_t *c = f->c;
-    if (p->kind == BY_TIME) {
+    if (p->by_time) {
         int64_t row = cycle < p->rows - 1 ? cycle : p->rows - 1;
-        EACH_LANE steering[COMMAND_COSINE][lane] = p->bank_cosine[row];
-        for (int j = 0; j < FEATURES; j++)
-            EACH_LANE steering[COMMAND_COSINE][lane] +=
-                p->gain[row * FEATURES + j] * (feature[j][lane] - p->reference[row * FEATURES + j]);
-    } else {
+        const double *gain = p->gain + row * FEATURES, *reference = p->reference + row * FEATURES;
         EACH_LANE {
-            double part = (feature[VELOCITY][lane] - c->slow_velocity) / (c->fast_velocity - c->slow_velocity);
-            double fast = smaller(larger(part, 0.0), 1.0);
-            steering[COMMAND_COSINE][lane] = fast * c->fast_cosine + (1.0 - fast) * c->slow_cosine;
+            double command = p->bank_cosine[row];
+            for (int j = 0; j < FEATURES; j++) command += gain[j] * (feature[j][lane] - reference[j]);
+            steering[COMMAND_COSINE][lane] = command;
         }
-    }
-    if (p->kind == BY_VELOCITY)
+    } else
         EACH_LANE {
-            double velocity = feature[VELOCITY][lane], command = steering[COMMAND_COSINE][lane];
+            double velocity = feature[VELOCITY][lane], drag = feature[DRAG][lane];
+            double part = (velocity - c->slow_velocity) / (c->fast_velocity - c->slow_velocity);
+            double fast = smaller(larger(part, 0.0), 1.0), command = fast * c->fast_cosine + (1.0 - fast) * c->slow_cosine;
             double gravity = c->gravitational_parameter / (feature[0][lane] * feature[0][lane]);
-            if (!(feature[DRAG][lane] * velocity > -gravity * feature[ALTITUDE_RATE][lane])) continue;
-            if (!(velocity <= p->table[p->rows - 1] && feature[DRAG][lane] >= p->least_drag)) continue;
-            int64_t row = row_before(velocity, p->table, p->rows);
-            double rest = (velocity - p->table[row]) / (p->table[row + 1] - p->table[row]);
-            rest = rest > 0.0 ? rest : 0.0, rest = rest < 1.0 ? rest : 1.0;
-            const double *gain = p->gain + row * FEATURES, *reference = p->reference + row * FEATURES;
-            for (int j = 0; j < FEATURES; j++) {
-                double k = gain[j] + rest * (gain[j + FEATURES] - gain[j]);
-                command += k * (feature[j][lane] - reference[j] - rest * (reference[j + FEATURES] - reference[j]));
+            int slowing = drag * velocity > -gravity * feature[ALTITUDE_RATE][lane];
+            if (slowing && velocity <= p->table[p->rows - 1] && drag >= p->least_drag) {
+                int64_t row = row_before(velocity, p->table, p->rows);
+                double rest = (velocity - p->table[row]) / (p->table[row + 1] - p->table[row]);
+                rest = rest > 0.0 ? rest : 0.0, rest = rest < 1.0 ? rest : 1.0;
+                const double *gain = p->gain + row * FEATURES, *reference = p->reference + row * FEATURES;
+                for (int j = 0; j < FEATURES; j++) {
+                    double k = gain[j] + rest * (gain[j + FEATURES] - gain[j]);
+                    command += k * (feature[j][lane] - reference[j] - rest * (reference[j + FEATURES] - reference[j]));
+                }
             }
             steering[COMMAND_COSINE][lane] = command;
         }
     EACH_LANE {
-        double command = steering[COMMAND_COSINE][lane];
-        command = command < -1.0 ? -1.0 : command;
+        double command = steering[COMMAND_COSINE][lane] < -1.0 ? -1.0 : steering[COMMAND_COSINE][lane];
         steering[COMMAND_COSINE][lane] = command > 1.0 ? 1.0 : command;
     }
 }
@@ -229,7 +211,6 @@ static void command_bank(const flight_t *f, double time, double feature[][LANES]
         int slow = feature[VELOCITY][lane] <= c->alignment_velocity;
         steering[ALIGNING][lane] = slow ? 1.0 : steering[ALIGNING][lane];
         aligning += steering[ALIGNING][lane] > 0.0;
-        steering[COMMAND_BEFORE][lane] = steering[COMMAND][lane];
     }
     if (aligning < LANES) {
         double rest = smaller(larger((c->deadband_end - time) / (c->deadband_end - c->deadband_start), 0.0), 1.0);
@@ -248,12 +229,9 @@ static void command_bank(const flight_t *f, double time, double feature[][LANES]
             double velocity = feature[VELOCITY][lane];
             double limit = c->alignment_first_limit * (velocity >= c->alignment_limit_velocity)
                 + c->alignment_last_limit * (velocity < c->alignment_limit_velocity);
-            int swapped = c->alignment_form != CORRECTED;
-            double down = sight[DOWNRANGE_ANGLE][lane], cross = sight[CROSSRANGE_ANGLE][lane];
-            double numerator = swapped ? down : cross, denominator = swapped ? cross : down;
-            double sign = 1.0 - 2.0 * (denominator < 0.0);
-            double angle = arctangent(sign * numerator, sign * denominator);
-            double command = c->alignment_form == PRINTED ? c->alignment_gain * angle : -c->alignment_gain * angle;
+            double sign = 1.0 - 2.0 * (sight[DOWNRANGE_ANGLE][lane] < 0.0);
+            double angle = arctangent(sign * sight[CROSSRANGE_ANGLE][lane], sign * sight[DOWNRANGE_ANGLE][lane]);
+            double command = -c->alignment_gain * angle;
             command = smaller(larger(command, -limit), limit);
             double cosine = sine_cosine(command).cosine;
             int aligned = steering[ALIGNING][lane] > 0.0;
@@ -267,7 +245,6 @@ static void limit_rate(const flight_t *f, int64_t cycle, double steering[][LANES
     EACH_LANE {
         double command = steering[COMMAND][lane], before = steering[FLOWN_BANK][lane], most = c->largest_bank_change;
         double bank = smaller(larger(command, before - most), before + most);
-        bank = c->limit_as_printed ? smaller(command, steering[COMMAND_BEFORE][lane] + most) : bank;
         bank = cycle == 0 ? command : bank;
         double change = cycle > 0 ? fabs(bank - before) : 0.0;
         steering[FLOWN_BANK][lane] = bank, steering[FLOWN_CHANGE][lane] = change;
@@ -280,33 +257,25 @@ static void limit_rate(const flight_t *f, int64_t cycle, double steering[][LANES
 static void sample_factors(const flight_t *f, uint64_t first_trial, double *negative) {
     const problem_t *p = f->p;
     row_t normals[4], process;
-    int varied = 0;
-    for (int64_t node = 0; node < p->nodes; node++) varied |= p->deviation[node] != 0.0;
     EACH_LANE process[lane] = 0.0, negative[lane] = 0.0;
     for (int64_t number = 0; number < p->nodes; number++) {
-        int64_t node = p->nodes - 1 - number;
-        double *factor = f->factor[node];
-        if (!varied) {
-            EACH_LANE factor[lane] = 1.0;
-            continue;
-        }
         if (number % 4 == 0) fill_normals(p->seed, p->stream, first_trial, number / 4, normals);
-        double keep = number > 0 ? exponential(p->log_retention[node]) : 0.0, fresh = sqrt(1.0 - keep * keep), deviation = p->deviation[node];
-        const double *drawn = normals[number % 4];
+        int64_t node = p->nodes - 1 - number;
+        double keep = number > 0 ? exponential(p->log_retention[node]) : 0.0, fresh = sqrt(1.0 - keep * keep);
         EACH_LANE {
-            process[lane] = keep * process[lane] + fresh * drawn[lane];
-            double density = 1.0 + deviation * process[lane];
+            process[lane] = keep * process[lane] + fresh * normals[number % 4][lane];
+            double density = 1.0 + p->deviation[node] * process[lane];
             negative[lane] += density < 0.0;
-            factor[lane] = larger(density, 0.0);
+            f->factor[node][lane] = larger(density, 0.0);
         }
     }
 }
 
-/* history: (times, 7, trials), observed: (times, 2, trials), largest: (2, trials), length: (trials,), final: (9, trials);
+/* history: (cycles, 7, trials), observed: (cycles, 2, trials), largest: (2, trials), length: (trials,), final: (9, trials);
  * factors: scratch, (nodes, LANES). */
 void fly(const problem_t *p, double *history, double *observed, double *largest, int64_t *length, double *final, double *factors) {
     const settings_t *c = p->settings;
-    int64_t times = p->cycles + !p->velocity_trigger;
+    double step = c->period / p->substeps;
     for (int64_t offset = 0; offset < p->trials; offset += LANES) {
         flight_t flight = {.p = p, .c = c, .factor = (double (*)[LANES])factors}, *f = &flight;
         row_t state[STATES], before[STATES], ended[STATES], feature[FEATURES], sight[SIGHTED], steering[STEERED], last[FINAL];
@@ -319,10 +288,9 @@ void fly(const problem_t *p, double *history, double *observed, double *largest,
         memset(steering, 0, sizeof steering);
         EACH_LANE {
             steering[DIRECTION][lane] = c->initial_direction, steering[FLYING][lane] = 1.0;
-            last[REVERSALS][lane] = 0.0, last[END_TIME][lane] = p->end_time, length[offset + lane] = times;
+            last[REVERSALS][lane] = 0.0, last[END_TIME][lane] = p->end_time, length[offset + lane] = p->cycles;
         }
         int remaining = LANES;
-        double step = 0.0;
         for (int64_t flown = 0;; flown++) {
             int over = remaining == 0 || flown == p->cycles * p->substeps;
             int64_t cycle = flown / p->substeps, substep = flown % p->substeps;
@@ -331,7 +299,8 @@ void fly(const problem_t *p, double *history, double *observed, double *largest,
                 for (int row = 0; row < STATES; row++)
                     EACH_LANE state[row][lane] = steering[FLYING][lane] > 0.0 ? state[row][lane] : ended[row][lane];
             if (over || substep == 0) observe(f, state, feature, sight);
-            if (substep == 0 && !over) {
+            if (over) break;
+            if (substep == 0) {
                 command_cosine(f, cycle, feature, steering);
                 command_bank(f, time, feature, sight, steering, last[REVERSALS]);
                 limit_rate(f, cycle, steering, most[0], most[1]);
@@ -339,12 +308,7 @@ void fly(const problem_t *p, double *history, double *observed, double *largest,
                     pair_t bank = sine_cosine(steering[FLOWN_BANK][lane]);
                     f->aero[SINE][lane] = bank.sine, f->aero[COSINE][lane] = bank.cosine;
                 }
-                double rest = p->end_time - time;
-                step = (p->velocity_trigger || c->period < rest ? c->period : rest) / p->substeps;
-            }
-            if ((over && !p->velocity_trigger) || (substep == 0 && !over)) {
-                int64_t row = over ? times - 1 : cycle;
-                double *stored = history + row * HISTORY * p->trials + offset, *seen = observed + row * 2 * p->trials + offset;
+                double *stored = history + cycle * HISTORY * p->trials + offset, *seen = observed + cycle * 2 * p->trials + offset;
                 EACH_LANE stored[lane] = feature[0][lane] - c->planet_radius;
                 for (int j = 1; j < 5; j++) memcpy(stored + j * p->trials, feature[j], sizeof(row_t));
                 memcpy(stored + CROSSRANGE * p->trials, sight[SIGHTED_CROSSRANGE], sizeof(row_t));
@@ -353,10 +317,8 @@ void fly(const problem_t *p, double *history, double *observed, double *largest,
                 memcpy(seen + p->trials, steering[FLOWN_CHANGE], sizeof(row_t));
                 EACH_LANE steering[FLOWN_CHANGE][lane] = 0.0;
             }
-            if (over) break;
             memcpy(before, state, sizeof state);
             advance(f, step, state);
-            if (!p->velocity_trigger) continue;
             EACH_LANE {
                 if (!(state[SPEED][lane] <= c->end_velocity && steering[FLYING][lane] > 0.0)) continue;
                 double start[STATES], end[STATES];

@@ -13,10 +13,10 @@ from sphinx.util import logging as sphinx_logging
 
 import marsedl
 from marsedl.papers import catalogue
+from marsedl.replication.claims.quotes import committed, with_numbers
 from marsedl.replication.errors import InputError
-from marsedl.replication.formulas import mathml
-from marsedl.replication.front_page import words
-from marsedl.replication.quotes import committed, with_numbers
+from marsedl.replication.report.formulas import mathml
+from marsedl.replication.report.front_page import words
 
 config.DISABLE_JIT = True  # compiled functions are shown as what they are written as; notebooks compile theirs
 

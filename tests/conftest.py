@@ -9,7 +9,7 @@ Snakemake starts in a second. All of them share compiled kernels, in `.cache/num
 import os
 from pathlib import Path
 
-from marsedl.replication.jobs import pin_numerics
+from marsedl.replication.pipeline.numerics import pin_numerics
 
 ROOT = Path(__file__).parents[1]
 os.environ.pop("COLUMNS", None)  # xdist says how wide its terminal is; what a test captures is no terminal
@@ -32,10 +32,11 @@ import yaml
 from hypothesis import settings
 
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication.digests import digest
-from marsedl.replication.scaffold import new_paper
+from marsedl.replication.checks.scaffold import new_paper
+from marsedl.replication.checks.twice import PRODUCTS, TREE, copy_tree, snakemake
+from marsedl.replication.pipeline.fingerprints import fingerprints_of
+from marsedl.replication.records.differences import digest
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.verification import PRODUCTS, TREE, copy_tree, snakemake
 
 # The same examples in every run, so that chance decides nothing; `pytest --hypothesis-profile=default` draws new ones.
 settings.register_profile("repeatable", derandomize=True, database=None)
@@ -320,6 +321,10 @@ def pytest_collection_modifyitems(config, items):
 def pytest_runtest_setup(item):
     if hasattr(item.config, "workerinput") and group(item) != "build" and os.nice(0) == 0:
         os.nice(10)  # the build takes longest
+
+
+def pytest_sessionfinish():
+    fingerprints_of(ROOT).save()
 
 
 @pytest.fixture(scope="session")

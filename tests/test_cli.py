@@ -12,16 +12,17 @@ import pytest
 
 from marsedl import cli
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.claims import load_published
+from marsedl.replication.claims.printed import load_published
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
 
 
 @pytest.fixture(autouse=True)
-def wide(monkeypatch):
-    """A terminal so wide that nothing is broken or cut, whoever runs the tests."""
+def process(monkeypatch):
+    """A terminal so wide that nothing is cut, and numerics that stay as they are, as this process is up already."""
     monkeypatch.setenv("COLUMNS", "10000")
+    monkeypatch.setattr("marsedl.replication.pipeline.numerics.pin_numerics", lambda root: None)
 
 
 @pytest.fixture
@@ -157,11 +158,8 @@ def test_explain_shows_what_a_size_limits(project, capsys):
     assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in output
 
 
-# ------------------------------------------------------------------------------------------------- explain whole papers
-
-
-@pytest.mark.parametrize("slug", ["powered_descent", "funnels"])
-def test_explain_a_paper(project, capsys, slug):
+def test_explain_a_paper(project, capsys):
+    slug = "powered_descent"
     output = explained(capsys, slug)
     paper, study = catalogue(slug), cli._project().studies[slug]
     assert output.startswith(f"{slug}: {paper.title}\n  {paper.authors}\n  snakemake {slug}\n\nreadings\n")
@@ -190,9 +188,6 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
     assert "\n  counted: 1 reproduced, 2 differs\n" in explained(capsys, "powered_descent")
     assert "\n  counted: 1 close\n" in explained(capsys, "powered_descent", "--size", "smoke")
     assert "\n  none yet: run 'snakemake claims'\n" in explained(capsys, "funnels")
-
-
-# -------------------------------------------------------------------------------------------- explain stages and claims
 
 
 def test_explain_says_what_else_has_the_name(project, capsys):
@@ -326,15 +321,13 @@ def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
         (["corrected", "1"], ["is not built yet; run 'snakemake data/cache/powered_descent/corrected/nominal.h5'"]),
     ],
 )  # fmt: skip
-def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, arguments, fragments):
-    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)  # this process is up already
+def test_trial_refuses_what_there_is_not(bare_project, capsys, arguments, fragments):
     output = refused(capsys, "trial", "powered_descent", *arguments)
     for fragment in fragments:
         assert fragment in output
 
 
-def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys, monkeypatch):
-    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
+def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys):
     path = bare_project / "my own.yaml"
     own_input = "planet: {gravity: {value: 3.9, source: 'assumed: test'}}"
     path.write_text(
@@ -351,7 +344,6 @@ def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_
 
 
 def test_a_trial_of_a_paper_without_flights_is_refused(bare_project, capsys, monkeypatch):
-    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
     monkeypatch.setattr(input_model("funnels"), "CASES", {})
     config = bare_project / "configs" / "funnels.yaml"
     text, number = re.subn(r"(?m)^chunks: .*$", "chunks: {}", config.read_text(encoding="utf-8"))
@@ -373,8 +365,7 @@ def test_a_trial_of_a_paper_without_flights_is_refused(bare_project, capsys, mon
 )
 def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, arguments, case):
     trials = []
-    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
-    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *call: trials.append(call[4]))
+    monkeypatch.setattr("marsedl.replication.pipeline.runner.replay", lambda *call: trials.append(call[4]))
     assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
     assert trials == [(case, 7)]
 

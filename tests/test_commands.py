@@ -22,7 +22,7 @@ import pytest
 import yaml
 
 from marsedl import cli
-from marsedl.replication.verification import copy_tree, snakemake
+from marsedl.replication.checks.twice import copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]

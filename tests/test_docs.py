@@ -13,12 +13,12 @@ import yaml
 
 import marsedl
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication import front_page
-from marsedl.replication.claims import summary
-from marsedl.replication.front_page import badge, words
-from marsedl.replication.inputs import load_studies
-from marsedl.replication.quotes import committed, with_numbers
-from marsedl.replication.thresholds import WORDS
+from marsedl.replication.claims.quotes import committed, with_numbers
+from marsedl.replication.claims.rows import summary
+from marsedl.replication.claims.thresholds import WORDS
+from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.report import front_page
+from marsedl.replication.report.front_page import badge, words
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)]
@@ -114,7 +114,7 @@ def with_committed_numbers(slug):
 def test_the_readme_says_what_the_committed_verdicts_are(path):
     text = (ROOT / path).read_text("utf-8")
     assert front_page.filled(text, ROOT, map(with_committed_numbers, SLUGS)) == text, "run 'marsedl readme'"
-    message = badge([row for slug in SLUGS for row in front_page.committed_rows(ROOT, slug)])["message"]
+    message = badge([row for slug in SLUGS for row in front_page.committed_claims(ROOT, slug)])["message"]
     assert set(re.findall(r"\d+ of \d+ printed numbers; [^<\"\]]*", text)) == {message}
 
 
@@ -122,8 +122,8 @@ def test_the_readme_has_a_line_for_every_paper_and_every_word():
     text = PAGES[0].read_text("utf-8")
     for slug in SLUGS:
         (line,) = re.findall(rf"(?m)^- \*\*\[{slug}\]\(docs/papers/{slug}\.md\)\*\* .*$", text)
-        rows = front_page.committed_rows(ROOT, slug)
-        headline = [row["verdict"] for row in rows if row["headline"]]
+        rows = front_page.committed_claims(ROOT, slug)
+        headline = [row.verdict for row in rows if row.headline]
         standing = len(headline) - sum(verdict in ("differs", "fails", "undetermined") for verdict in headline)
         assert f"**{standing} of {len(headline)}** headline claims stand" in line
         assert f"; {summary(rows)['numbers']['reproduced']} of " in line

@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import marsedl
-from marsedl.replication.libraries import DISTRIBUTIONS
+from marsedl.replication.pipeline.libraries import DISTRIBUTIONS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -64,7 +64,7 @@ def test_every_module_of_the_library_imports_with_what_it_requires_alone():
             for module in walk_packages([f"{marsedl.__path__[0]}/{wing}"], f"marsedl.{wing}."):
                 import_module(module.name)
                 print(module.name)
-        import marsedl.replication.artifacts
+        import marsedl.replication.records.store
         """
     )
     assert not error

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from marsedl import results
-from marsedl.replication.claims import read_claims, summary
+from marsedl.replication.claims.rows import read_claims, summary
 
 NOTEBOOKS = Path(__file__).parents[1] / "docs" / "notebooks"
 ALL = sorted({path.stem for path in NOTEBOOKS.glob("*.md")} - {"index"})
@@ -47,11 +47,11 @@ def test_verdicts_as_data_counts_what_the_build_counts(run, tree):
     assert names["counted"]["verdict"].value_counts().to_dict() == {
         verdict: count for verdict, count in summary(rows)["counted"].items() if count
     }
-    verdicts = {(row["paper"], row["id"]): row for row in rows}
+    verdicts = {(row.paper, row.id): row for row in rows}
     assert len(names["moved"]) > 10
     for _, change in names["moved"].iterrows():
-        readings = verdicts[change["paper"], change["claim"]]["readings"]
-        assert readings[change["reading"]]["verdict"] == change["here"] != readings["corrected"]["verdict"]
+        readings = verdicts[change["paper"], change["claim"]].readings
+        assert readings[change["reading"]].verdict == change["here"] != readings["corrected"].verdict
     assert names["margins"]["distance"].is_monotonic_increasing
     assert set(names["margins"]["distance_in"]) <= {"standard errors", "limits", "values"}
     assert (names["turned"]["to"] != names["turned"]["verdict"]).sum() > 0.9 * len(names["turned"]) > 0

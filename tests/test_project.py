@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.inputs import load_study
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.inputs.readings import load_study
 
 ROOT = Path(__file__).parents[1]
 GENERATORS = {"default_rng", "Philox", "PCG64", "PCG64DXSM", "MT19937", "SFC64", "SeedSequence", "Random"}

@@ -13,19 +13,14 @@ from jsonschema import Draft202012Validator
 import marsedl
 from marsedl import schemas
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication.claiming import holds, measure
-from marsedl.replication.claims import (
-    Close,
-    Declaration,
-    Evaluation,
-    PublishedClaim,
-    collect,
-    with_counterexamples,
-    write_claims,
-)
+from marsedl.replication.claims.claim import Counterexample
+from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.rows import write_claims
+from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect
+from marsedl.replication.claims.writing import holds, measure
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_studies
-from marsedl.replication.strict_yaml import read_yaml
+from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.inputs.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[1]
 PUBLISHED = ROOT / "docs" / "schemas"
@@ -79,7 +74,8 @@ def keys(schema, root, path=""):
     yield path, schema
     for name, inner in schema.get("properties", {}).items():
         yield from keys(inner, root, f"{path}.{name}")
-    inside = [schema.get("items"), schema.get("additionalProperties"), *schema.get("anyOf", ())]
+    named = schema.get("patternProperties", {}).values()
+    inside = [schema.get("items"), schema.get("additionalProperties"), *named, *schema.get("anyOf", ())]
     for inner in inside:
         if isinstance(inner, dict) and inner.keys() & {"$ref", "properties", "items"}:
             yield from keys({"description": schema.get("description"), **inner}, root, path)
@@ -159,10 +155,10 @@ def rows(tmp_path):
     """The claims of every kind in two readings, as they are written."""
     failed = EVALUATIONS | {"mass": Evaluation(math.nan), "near": None, "drawn": Evaluation([math.nan, 1.0], None, 0)}
     evaluations = {"corrected": EVALUATIONS, "printed": failed}
-    turned = {"stated": {"change": "scaled", "of": "flights.final_state", "amount": 1.1, "to": "fails"}}
+    turned = {"stated": Counterexample(change="scaled", of="flights.final_state", amount=1.1, to="fails")}
     smaller = {"corrected": {"drawn": replace(EVALUATIONS["drawn"], trials=2000)}}
     collected = collect(CLAIMS, DECLARATIONS, evaluations, smaller)
-    write_claims(with_counterexamples(collected, turned), tmp_path / "claims.json")
+    write_claims([row.turned_by(turned.get(row.id)) for row in collected], tmp_path / "claims.json")
     return json.loads((tmp_path / "claims.json").read_text(encoding="utf-8"))
 
 

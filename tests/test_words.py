@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from marsedl.papers import SLUGS, catalogue
-from marsedl.replication.claims import load_published
-from marsedl.replication.front_page import words
+from marsedl.replication.claims.printed import load_published
+from marsedl.replication.report.front_page import words
 
 ROOT = Path(__file__).parents[1]
 NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)")

@@ -9,7 +9,7 @@ import pytest
 from marsedl.comparison import comparisons
 from marsedl.comparison.records import NAMES
 from marsedl.papers import catalogue
-from marsedl.replication.tables import read_table
+from marsedl.replication.records.tables import read_table
 
 pytestmark = pytest.mark.workflow
 

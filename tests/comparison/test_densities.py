@@ -10,8 +10,8 @@ from marsedl.comparison import densities
 from marsedl.comparison.records import NAMES
 from marsedl.papers import input_model
 from marsedl.papers.funnels.environment import density, log_density
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import arguments_of
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.pipeline.injection import Arguments
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FLOWN = np.array([20e3, 120e3])  # m, of nominals that are not looked at otherwise
@@ -47,10 +47,8 @@ def inputs(values):
 def records(values):
     results = {}
     for slug in NAMES:
-        function = getattr(densities, slug)
-        results[slug] = function(
-            **arguments_of(function, values[slug], lambda name, _, slug=slug: ARTIFACTS[slug][name])
-        )
+        given = Arguments(values[slug], lambda name, _, slug=slug: ARTIFACTS[slug][name])
+        results[slug] = given.call(getattr(densities, slug))
     return results
 
 

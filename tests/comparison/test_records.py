@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from marsedl.comparison.records import collect
-from marsedl.replication import artifacts
-from marsedl.replication.artifacts import quantity
-from marsedl.replication.sections import Positive, Section, given
+from marsedl.replication.inputs.sections import Positive, Section, given
+from marsedl.replication.records import store
+from marsedl.replication.records.fields import quantity
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ def comparison(monkeypatch):
 @pytest.fixture
 def stored(tmp_path):
     path = tmp_path / "nominal.h5"
-    artifacts.save(path, Tiny(np.array([1.0, 2.0])), paper="funnels", reading="corrected", provenance={})
+    store.save(path, Tiny(np.array([1.0, 2.0])), paper="funnels", reading="corrected", provenance={})
     return path
 
 
 def load(path, kind):
-    return artifacts.load(path, kind, paper="funnels", reading="corrected")
+    return store.load(path, kind, paper="funnels", reading="corrected")
 
 
 def test_artifacts_and_inputs_reach_the_function_of_their_paper(comparison, stored):

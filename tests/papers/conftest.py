@@ -11,12 +11,13 @@ import pytest
 
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers import catalogue, input_model
-from marsedl.replication.catalogue import Flown
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import load_published
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import arguments_of, compute_record
-from marsedl.replication.sections import by_section
+from marsedl.replication.claims.printed import load_published
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.inputs.sections import by_section
+from marsedl.replication.pipeline.catalogue import Flown
+from marsedl.replication.pipeline.injection import Arguments
+from marsedl.replication.pipeline.runner import computed
 
 ROOT = Path(__file__).parents[2]
 TRIALS = 2000
@@ -80,7 +81,7 @@ REDUCED = {
 REDUCED_IN = {("desensitized", "printed"): {"all_columns_iterations": 10}}
 
 
-class Given:
+class Inputs:
     """Inputs of a reading: by section, by name, and as the arguments of a function."""
 
     def __init__(self, model, values):
@@ -91,7 +92,7 @@ class Given:
         if name.startswith("_"):
             raise AttributeError(name)
         if name in self.model.sections():
-            return self.model.sections()[name].given(by_section(self.values).get(name, {}))
+            return self.model.sections()[name].from_plain(by_section(self.values).get(name, {}))
         if name not in self._names:
             raise AttributeError(f"no input '{name}' was given")
         value = self.values[self._names[name]]
@@ -105,11 +106,11 @@ class Given:
             taken = self.of(kind) if fields else {}
             return kind(**taken) if fields and len(taken) == len(fields) else None
 
-        return arguments_of(function, self.values, built)
+        return Arguments(self.values, built).available(function)
 
     def changed(self, **changes):
         """These inputs with others in place of some, by their names without that of the section."""
-        return Given(self.model, self.values | {self._names[name]: value for name, value in changes.items()})
+        return Inputs(self.model, self.values | {self._names[name]: value for name, value in changes.items()})
 
     def call(self, function, *arguments, **named):
         """Call a function with the sections that it takes and, in order, with its other arguments."""
@@ -134,7 +135,7 @@ class Pipeline:
         """The inputs "section.name", all unless given, and no others; what is not among them is not changed."""
         values = self.study.readings[reading].slice(names or self.model.names())
         sizes_and_changes = REDUCED[self.paper.slug] | REDUCED_IN.get((self.paper.slug, reading), {}) | changes
-        return Given(
+        return Inputs(
             self.model, {name: sizes_and_changes.get(name.partition(".")[2], value) for name, value in values.items()}
         )
 
@@ -200,12 +201,9 @@ class Pipeline:
 
     def whole(self, inputs, artifacts, case, trials, block_size):
         """A Monte Carlo case in one go, as a job flies it, under any artifacts."""
-
-        def give(function, **others):
-            return arguments_of(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
-
+        given = Arguments(inputs.values, lambda name, kind: artifacts.get(name))
         options = {"case": case, "trials": trials, "block_size": block_size}
-        return compute_record(self.paper.stages["montecarlo"].entries, give, options)
+        return computed(self.paper.stages["montecarlo"].entries, given, options)
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
@@ -227,13 +225,12 @@ class Pipeline:
 
     def all_inputs(self, reading, **changes):
         """All inputs of a reading, as the evaluation of claims gets them."""
-        return self.model.given(self.inputs(reading, **changes).values)
+        return self.model.from_plain(self.inputs(reading, **changes).values)
 
     def evaluate(self, reading, artifacts, changes=None, **others):
         """What the claims are measured to be in a reading, from artifacts by name; changes: of inputs."""
         return claims_of(self.paper.slug).evaluate(
-            self.inputs(reading, **(changes or {})).values,
-            lambda name, kind: artifacts.get(name),
+            Arguments(self.inputs(reading, **(changes or {})).values, lambda name, kind: artifacts.get(name)),
             published_of(self.paper.slug),
             **others,
         )
@@ -249,7 +246,7 @@ class Pipeline:
         """What the function of a figure or table returns, from artifacts by name; kind: figures or tables."""
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.{kind}"), stem)
         inputs = self.inputs(reading, self.paper.product(stem).inputs).values
-        return function(**arguments_of(function, inputs, lambda name, kind: artifacts.get(name), **others))
+        return Arguments(inputs, lambda name, kind: artifacts.get(name)).call(function, **others)
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import SLUGS
-from marsedl.replication.claims import COUNTED_VERDICTS, UNDECIDED, load_published
-from marsedl.replication.verification import NOT_TURNED, committed_verdicts, read_reference
+from marsedl.replication.checks.reference import NOT_TURNED
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNDECIDED
+from marsedl.replication.claims.committed import committed_verdicts, read_reference
+from marsedl.replication.claims.printed import load_published
 
 ROOT = Path(__file__).parents[2]
 

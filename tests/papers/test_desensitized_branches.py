@@ -14,7 +14,7 @@ from marsedl.methods.sensitivity import adjoint_rows, midpoint_responses, midpoi
 from marsedl.papers.desensitized import branches as stage
 from marsedl.papers.desensitized import entry_problem, minimum_fuel, tradeoff
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
-from marsedl.replication import artifacts
+from marsedl.replication.records import store
 from marsedl.replication.units import DEGREE
 
 # A coarse mesh and few weights: the same branches and fold, in seconds.
@@ -297,7 +297,7 @@ def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     assert np.isnan(record.cumulative).all()
     assert (record.bursts == -1).all()
     assert np.isnan(record.branch_share).all()
-    artifacts.save(tmp_path / "fuel.h5", record, paper="desensitized", reading="corrected", provenance={})
+    store.save(tmp_path / "fuel.h5", record, paper="desensitized", reading="corrected", provenance={})
 
 
 @pytest.mark.parametrize(

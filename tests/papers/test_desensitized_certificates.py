@@ -9,7 +9,7 @@ import pytest
 from marsedl.methods.collocation import SCHEMES, SOLVED, resimulate, simulate
 from marsedl.papers.desensitized import certificates as module
 from marsedl.papers.desensitized import entry_problem, nominal
-from marsedl.replication import artifacts
+from marsedl.replication.records import store
 
 # A coarse mesh, on the branch that reaches all weights without a fold.
 SMALL = {
@@ -105,8 +105,8 @@ def test_what_does_not_converge_is_stored(inputs, rows, certificates, tmp_path):
         if name not in ("error", "flown_error", "miss")
     }
     artifact = replace(certificates, **unknown)
-    artifacts.save(tmp_path / "one.h5", artifact, paper="desensitized", reading="mine", provenance={})
-    assert np.isnan(artifacts.load(tmp_path / "one.h5", type(artifact)).mesh_effort).all()
+    store.save(tmp_path / "one.h5", artifact, paper="desensitized", reading="mine", provenance={})
+    assert np.isnan(store.load(tmp_path / "one.h5", type(artifact)).mesh_effort).all()
 
 
 def test_the_longitudes_column_is_exact_everywhere_and_can_fail(inputs, rows, certificates):

@@ -23,9 +23,10 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.replication.artifacts import quantities
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import collect, judge, write_claims
+from marsedl.replication.claims.rows import write_claims
+from marsedl.replication.claims.verdicts import collect, judge
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.records.fields import quantities
 from marsedl.replication.units import DEGREE
 
 PAPER = catalogue("desensitized")
@@ -116,7 +117,7 @@ def evaluations(desensitized, evaluate):
 def rows(desensitized_published, evaluations):
     erratum_ids = {erratum.id for erratum in PAPER.errata}
     claim_rows = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
-    return {row["id"]: row for row in claim_rows}
+    return {row.id: row for row in claim_rows}
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -124,9 +125,9 @@ def rows(desensitized_published, evaluations):
 
 def test_verdicts_of_the_corrected_reading(rows):
     for name, row in rows.items():
-        if row["kind"] not in ("qualitative", "deterministic"):
+        if row.kind not in ("qualitative", "deterministic"):
             continue
-        good = "holds" if row["kind"] == "qualitative" else "reproduced"
+        good = "holds" if row.kind == "qualitative" else "reproduced"
         expected = {
             **dict.fromkeys(FAILS, "fails"),
             **dict.fromkeys(DIFFERS, "differs"),
@@ -137,17 +138,17 @@ def test_verdicts_of_the_corrected_reading(rows):
             "tab03_c0p001": "differs",
             "more_perturbations_more_fuel": "fails",
         }
-        assert row["verdict"] == expected.get(name, good), name
-        assert name not in FAILS | DIFFERS or (row["reason"] and (row["errata"] or row["withheld"])), name
+        assert row.verdict == expected.get(name, good), name
+        assert name not in FAILS | DIFFERS or (row.reason and (row.errata or row.withheld)), name
 
 
 def test_inputs_are_used_as_stated_but_for_the_infinite_weight(rows, evaluate):
-    stated = {name: row["verdict"] for name, row in rows.items() if row["kind"] == "input"}
+    stated = {name: row.verdict for name, row in rows.items() if row.kind == "input"}
     assert len(stated) == 23
     # The mesh is coarser here.
     assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"c1_values", "node_count"}
     assert evaluate(inputs={"intervals": 100})["node_count"].value == 101
-    assert rows["c1_values"]["readings"]["corrected"]["value"][-1] == 1e4
+    assert rows["c1_values"].readings["corrected"].value[-1] == 1e4
     assert evaluate(inputs={"temperature_cubic": 2e-13})["atm_temperature_poly"].value[0] == 2e-13
 
 

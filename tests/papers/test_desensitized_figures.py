@@ -22,10 +22,10 @@ from marsedl.papers.desensitized.records import (
     Tradeoff,
 )
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, VERMILION
-from marsedl.replication import artifacts
+from marsedl.replication.records.fields import quantities
 
 DEGREE = np.pi / 180
-ERRORS = Simulation.given({"tabulated_error": 1000.0})
+ERRORS = Simulation.from_plain({"tabulated_error": 1000.0})
 RADIUS, CROSSRANGE, DOWNRANGE = range(3)
 CHANNELS = ("radius", "crossrange", "downrange")
 SWEEPS = {
@@ -47,7 +47,7 @@ def invented(kind, extents=None, **known):
         {"time": 12, "node": 12, "intervals": 11} | (extents or {}),
     )
     fields = {}
-    for name, declared in artifacts.quantities(kind).items():
+    for name, declared in quantities(kind).items():
         shape = tuple(sizes.get(extent, 3) if isinstance(extent, str) else extent for extent in declared.dims)
         if declared.dtype == "str":
             values = np.array([f"{name} {k}" for k in range(int(np.prod(shape)))]).reshape(shape)
@@ -152,7 +152,7 @@ def drawn_laws(channel, compared):
 
 def test_fig01_shows_the_nominal_in_degrees(desensitized):
     nominal = desensitized.nominal("one_reversal")
-    vehicle = Vehicle.given({"bank_rate_bound": 0.3, "bank_acceleration_bound": 0.09})
+    vehicle = Vehicle.from_plain({"bank_rate_bound": 0.3, "bank_acceleration_bound": 0.09})
     rate, acceleration = figures.fig01a(vehicle, nominal).axes
     np.testing.assert_allclose(curves(rate)[0].get_ydata(), nominal.state[:, 7] * 180 / np.pi)
     np.testing.assert_allclose(acceleration.patches[0].get_data().values, nominal.bank_acceleration * 180 / np.pi)
@@ -326,7 +326,7 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     final = np.einsum("lij,nj->lni", gains.final, errors)
     final[2, :7], final[3] = np.nan, np.nan
     ensemble = invented(FlightEnsemble, {"law": 6}, final_error=final)
-    figure = figures.dispersion(Ensemble.given({"initial_deviations": deviations}), gains, ensemble)
+    figure = figures.dispersion(Ensemble.from_plain({"initial_deviations": deviations}), gains, ensemble)
     for number, axes in enumerate(figure.axes):
         (dots,) = curves(axes, SKY, least=100)
         np.testing.assert_allclose(dots.get_xdata(), final[number, :2000, DOWNRANGE] / 1e3)

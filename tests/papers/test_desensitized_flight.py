@@ -18,8 +18,8 @@ RADIUS, MU = 3397e3, 4.282837e13
 INTERVALS, FINAL_TIME = 100, 265.0
 STEP = FINAL_TIME / INTERVALS
 INPUTS = {
-    "planet": Planet.given({"gravitational_parameter": MU, "planet_radius": RADIUS}),
-    "vehicle": Vehicle.given(
+    "planet": Planet.from_plain({"gravitational_parameter": MU, "planet_radius": RADIUS}),
+    "vehicle": Vehicle.from_plain(
         {"ballistic_coefficient": 115.0, "lift_to_drag": 0.18, "bank_acceleration_bound": np.radians(5.0)}
     ),
 }

@@ -12,7 +12,7 @@ from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
 from marsedl.papers.desensitized.inputs import MODEL, Design, Solver
 from marsedl.papers.desensitized.nominal import refuse_other_branch
 from marsedl.replication.errors import InputError, MarsedlError, SolverError
-from marsedl.replication.inputs import load_study
+from marsedl.replication.inputs.readings import load_studies
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "desensitized.yaml"
@@ -27,8 +27,8 @@ def reading_of(based_on="corrected", **inputs):
             "value": value,
             "source": "assumed: test",
         }
-    overlay = {"readings": {"mine": {"based_on": based_on} | inputs_by_section}}
-    return load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+    own = {"desensitized": {"readings": {"mine": {"based_on": based_on} | inputs_by_section}}}
+    return load_studies({"desensitized": MODEL}, CONFIG.parent, own)["desensitized"].readings["mine"]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     message = str(error.value)
-    assert message.startswith("mine.yaml: desensitized.readings.mine") and "\n" not in message
+    assert message.startswith("--config: desensitized.readings.mine") and "\n" not in message
     for fragment in fragments:
         assert fragment in message
 
@@ -119,7 +119,7 @@ def test_all_that_tells_branches_apart_is_refused_at_once():
     bank = np.radians(np.interp(time, [0.0, 20.0, 40.0, 100.0], [60.0, -60.0, 80.0, 440.0]))
     states = np.zeros((101, len(STATES)))
     states[:, STATES.index("bank")] = bank
-    solver = Solver.given(
+    solver = Solver.from_plain(
         {"nominal_reversals": 2, "nominal_full_rolls": 0, "nominal_first_bank": "negative", "guess_width": 15.0}
     )
     with pytest.raises(MarsedlError) as error:
@@ -270,7 +270,7 @@ def test_a_row_below_the_least_energy_is_left_out(monkeypatch):
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
     weights = {"printed_weights": np.array([0.001, 0.01]), "matched_efforts": np.array([0.14, 0.3078])}
-    design = Design.given(weights | {"weight_rule": "matched"})
+    design = Design.from_plain(weights | {"weight_rule": "matched"})
     points = path_of([0.1416, 0.143, 0.0509, 5.0], [0, 0, 1, 1], [0.0, 0.036, 0.0509, 5.0])
     (row,) = tradeoff.chosen(None, design, None, points)
     assert row.branch == 1 and tradeoff.effort(row.solution) == pytest.approx(0.3078)
@@ -307,8 +307,8 @@ def test_a_path_that_ends_says_where(monkeypatch):
         raise SolverError(f"{case}: the solver ended with nothing", {"time": np.zeros(2)})
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
-    solver = Solver.given({"solver_tolerance": 1e-8, "solver_iterations": 5})
-    design = Design.given({"branch_tolerance": 1.0})
+    solver = Solver.from_plain({"solver_tolerance": 1e-8, "solver_iterations": 5})
+    design = Design.from_plain({"branch_tolerance": 1.0})
     first = path_of([0.1], [0])[0].solution
     with pytest.raises(SolverError) as error:
         tradeoff.follow(solver, design, Stuck(), first, [1.0])

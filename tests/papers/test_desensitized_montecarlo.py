@@ -14,8 +14,8 @@ from marsedl.papers.desensitized import environment, montecarlo, responses
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.records import CHANNELS, LAWS
-from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Trial
+from marsedl.replication.pipeline.catalogue import Trial
+from marsedl.replication.records import store
 
 RADIUS = 3397e3
 DEGREE = np.pi / 180.0
@@ -228,8 +228,8 @@ def test_a_law_whose_own_nominal_is_lost_does_not_stop_the_others(desensitized, 
     assert np.isnan(ensemble.final_error[FIRST]).all() and (ensemble.outcome[FIRST] == CRASHED).all()
     for number, artifact in enumerate((flights, ensemble)):
         path = tmp_path / f"{number}.h5"
-        artifacts.save(path, artifact, paper="desensitized", reading="corrected", provenance={})
-        again = artifacts.load(path, type(artifact), paper="desensitized", reading="corrected")
+        store.save(path, artifact, paper="desensitized", reading="corrected", provenance={})
+        again = store.load(path, type(artifact), paper="desensitized", reading="corrected")
         np.testing.assert_array_equal(again.nominal, artifact.nominal)
 
 

@@ -23,8 +23,8 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
-from marsedl.replication.artifacts import quantities
-from marsedl.replication.tables import csv_text, printed_cells
+from marsedl.replication.records.fields import quantities
+from marsedl.replication.records.tables import csv_text, printed_cells
 
 DEGREE = np.pi / 180.0
 DASH = "–"

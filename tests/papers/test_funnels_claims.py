@@ -15,9 +15,12 @@ from marsedl.methods.funnels.monte_carlo import fly
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, montecarlo, open_loop
 from marsedl.papers.funnels.claims import measures, sec5_results
-from marsedl.replication.catalogue import Flown
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import COUNTED_VERDICTS, UNDECIDED, collect, write_claims
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNDECIDED
+from marsedl.replication.claims.rows import write_claims
+from marsedl.replication.claims.verdicts import collect
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.pipeline.catalogue import Flown
+from marsedl.replication.pipeline.injection import Arguments
 
 PAPER = catalogue("funnels")
 
@@ -156,7 +159,7 @@ def rows(funnels, funnels_published, evaluations):
         known_errata={erratum.id for erratum in PAPER.errata},
         left_out=funnels.study.readings.keys() - set(READINGS),
     )
-    return {row["id"]: row for row in claim_rows}
+    return {row.id: row for row in claim_rows}
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -164,25 +167,25 @@ def rows(funnels, funnels_published, evaluations):
 
 def test_verdicts_of_the_corrected_reading(rows):
     for name, row in rows.items():
-        if row["kind"] in ("qualitative", "deterministic"):
+        if row.kind in ("qualitative", "deterministic"):
             expected = "undetermined" if name in UNDETERMINED else "fails" if name in FAILS else "holds"
-            assert row["verdict"] == ("by_construction" if name in BY_CONSTRUCTION else expected), name
-            assert row["verdict"] != "fails" or row["errata"] or row["withheld"], name
-            assert bool(row["by_construction"]) == (name in BY_CONSTRUCTION), name
+            assert row.verdict == ("by_construction" if name in BY_CONSTRUCTION else expected), name
+            assert row.verdict != "fails" or row.errata or row.withheld, name
+            assert bool(row.by_construction) == (name in BY_CONSTRUCTION), name
 
 
 def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(rows, records_of):
     def verdict(name):
-        return rows[name]["readings"]["printed"]["verdict"]
+        return rows[name].readings["printed"].verdict
 
     for name in (
         *("fig4_samples_cover_sublevel_set", "tvlqr_as_lyapunov", "taylor_for_nonpolynomial"),
         *("mc_inside_funnel", "sos_above_mc", "interpolation_between_slices"),  # levels that say nothing hold nothing
     ):
-        assert (verdict(name), rows[name]["verdict"]) == ("fails", "holds"), name
+        assert (verdict(name), rows[name].verdict) == ("fails", "holds"), name
     assert (verdict("greedy_needed"), verdict("first_peak")) == ("fails", "fails")
     assert records_of["printed"]["funnel"].level.max() > 1e6
-    assert "not compared with the motion" in rows["taylor_for_nonpolynomial"]["readings"]["printed"]["evidence"]
+    assert "not compared with the motion" in rows["taylor_for_nonpolynomial"].readings["printed"].evidence
 
 
 def test_a_funnel_that_ends_early_meets_no_statement_about_it(records_of, evaluate, funnels_published, tmp_path):
@@ -223,7 +226,7 @@ def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
 
 
 def test_counted_claims_have_counterexamples(rows):
-    counted = {name for name, row in rows.items() if row["verdict"] in COUNTED_VERDICTS and row["kind"] != UNDECIDED}
+    counted = {name for name, row in rows.items() if row.verdict in COUNTED_VERDICTS and row.kind != UNDECIDED}
     with_counterexample = {name for name, marked in claims_of("funnels").claims.items() if marked.counterexample}
     assert with_counterexample == counted
 
@@ -236,13 +239,14 @@ def test_counterexamples_turn_verdicts(funnels, records_of, rows, funnels_publis
     records = records_of["corrected"] | stand_ins(records_of["corrected"]["funnel"])
     claims = claims_of("funnels")
     values = funnels.study.readings["corrected"].inputs.plain()
+    given = Arguments(values, lambda name, _: records.get(name))
     judged = [
         row
         for name, row in rows.items()
-        if (marked := claims.claims.get(name)) and marked.counterexample and row["verdict"] in COUNTED_VERDICTS
+        if (marked := claims.claims.get(name)) and marked.counterexample and row.verdict in COUNTED_VERDICTS
         if marked.counterexample.target.partition(".")[0] in (*REAL, "mission", "vehicle", "recursion", "measured")
     ]
-    turned = claims.turned(judged, values, lambda name, _: records.get(name), funnels_published, measured=TIMES)
+    turned = claims.turned(judged, given, funnels_published, measured=TIMES)
     assert len(turned) > 12 and not [name for name, change in turned.items() if change is None]
 
 

@@ -14,8 +14,8 @@ from scipy.optimize import root
 
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, gains, nominal
+from marsedl.replication.claims.quotes import committed, with_numbers
 from marsedl.replication.errors import MarsedlError, SolverError
-from marsedl.replication.quotes import committed, with_numbers
 
 # With the numbers that its texts quote of the accepted build.
 PAPER = with_numbers(catalogue("funnels"), committed(Path(__file__).parents[2], "funnels"))

@@ -29,8 +29,8 @@ from marsedl.papers.funnels.records import (
     Proven,
 )
 from marsedl.plotting.style import BLACK, BLUE, GREEN, VERMILION
-from marsedl.replication import artifacts
-from marsedl.replication.jobs import arguments_of
+from marsedl.replication.pipeline.injection import Arguments
+from marsedl.replication.records.fields import quantities
 from marsedl.replication.units import DEGREE, KM
 
 SLICES, FINE, FLIGHTS = 7, 12, 50
@@ -75,7 +75,7 @@ def invented(kind, extents=None, empty=False, **known):
     """
     random, sizes = np.random.default_rng(7), EXTENTS | (extents or {})
     fields = {}
-    for name, declared in artifacts.quantities(kind).items():
+    for name, declared in quantities(kind).items():
         shape = tuple(sizes.get(extent, 3) if isinstance(extent, str) else extent for extent in declared.dims)
         if declared.dtype == "str":
             values = np.array([f"{name} {k}" for k in range(int(np.prod(shape)))]).reshape(shape)
@@ -152,8 +152,8 @@ def draw(records):
 
     def figure_of(stem, **replacements):
         values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
-        function = getattr(figures, stem)
-        return function(**arguments_of(function, values, lambda name, kind: replacements.get(name, records[name])))
+        given = Arguments(values, lambda name, kind: replacements.get(name, records[name]))
+        return given.call(getattr(figures, stem))
 
     return figure_of
 

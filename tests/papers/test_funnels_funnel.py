@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment, funnel
-from marsedl.replication import artifacts
+from marsedl.replication.records import store
 
 DEGREE = np.pi / 180.0
 RADIUS = 3389.5e3
@@ -265,8 +265,8 @@ def test_a_funnel_ends_where_it_exceeds_its_limit(funnels, coarse_funnel, few_sl
     assert (slices.status[reached - 1 :] == "not solved").all() and not slices.sound
     assert slices.stage_sound[: reached - 1].all() and not slices.stage_sound[reached - 1 :].any()
     path = tmp_path / "funnel.h5"
-    artifacts.save(path, slices, paper="funnels", reading="corrected", provenance={})
-    assert artifacts.load(path, funnel.Funnel).outcome == slices.outcome
+    store.save(path, slices, paper="funnels", reading="corrected", provenance={})
+    assert store.load(path, funnel.Funnel).outcome == slices.outcome
 
 
 @pytest.mark.parametrize(
@@ -278,7 +278,7 @@ def test_a_funnel_without_a_stage_is_still_described(funnels, few_slices, tmp_pa
     assert fragment in slices.outcome and not slices.sound
     assert slices.level[0] == funnels.gains().initial_level and np.isnan(slices.level[1:]).all()
     assert np.isnan(slices.bound).all() and np.isfinite(slices.heat_rate[0])
-    artifacts.save(tmp_path / "funnel.h5", slices, paper="funnels", reading="corrected", provenance={})
+    store.save(tmp_path / "funnel.h5", slices, paper="funnels", reading="corrected", provenance={})
 
 
 def test_slices_of_least_trace_are_too_thin_for_so_long_a_step(coarse_funnel):

@@ -10,7 +10,7 @@ from marsedl.models.atmosphere import named_profile
 from marsedl.papers.funnels import environment, nominal
 from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_study
+from marsedl.replication.inputs.readings import load_studies
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "funnels.yaml"
@@ -27,8 +27,8 @@ def reading_of(based_on="corrected", **inputs):
     for key, value in inputs.items():
         section = next((name for name, of in MODEL.sections().items() if stem(key) in of.model_fields), "mission")
         inputs_by_section.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}
-    return load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+    own = {"funnels": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
+    return load_studies({"funnels": MODEL}, CONFIG.parent, own)["funnels"].readings["mine"]
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     message = str(error.value)
-    assert message.startswith("mine.yaml: funnels.readings.mine") and "\n" not in message
+    assert message.startswith("--config: funnels.readings.mine") and "\n" not in message
     for fragment in fragments:
         assert fragment in message
 

@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import environment, flight, montecarlo
 from marsedl.papers.funnels.records import Funnel
-from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Flown, Trial
+from marsedl.replication.pipeline.catalogue import Flown, Trial
+from marsedl.replication.records import store
 
 TRIALS = 2000
 FLOWN = {"constant": TRIALS, "redrawn": TRIALS, "adversarial": 300}
@@ -276,7 +276,7 @@ def test_trials_that_diverge_are_counted_and_kept(inputs_and_records, tmp_path):
     finite = np.isfinite(np.hstack([ensemble.final_state, ensemble.observed_maximum])).all(axis=1)
     np.testing.assert_array_equal(finite, ~lost)
     assert np.isfinite(ensemble.maximum_over_trials).all()
-    artifacts.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
+    store.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
     number = int(np.flatnonzero(lost)[0])
     report = replayed(inputs_and_records, "constant", number, ensemble, funnel=wide)
     assert f"trial {number}, constant: not finite" in report and "the same to the last bit" in report

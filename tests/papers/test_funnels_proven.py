@@ -12,7 +12,7 @@ from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, greedy_disturbance, uniform_directions
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.papers.funnels import environment, proven
-from marsedl.replication import artifacts
+from marsedl.replication.records import store
 
 FIRST, STEPS, LEVEL = 76, 16, 1.2
 
@@ -110,8 +110,8 @@ def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):
     assert np.isfinite(ended.level[:reached]).all() and np.isnan(ended.level[reached:]).all()
     assert np.isfinite(ended.bound[: reached - 1]).all() and np.isnan(ended.bound[reached - 1 :]).all()
     path = tmp_path / "proven.h5"
-    artifacts.save(path, ended, paper="funnels", reading="corrected", provenance={})
-    assert artifacts.load(path, proven.Proven).outcome == ended.outcome
+    store.save(path, ended, paper="funnels", reading="corrected", provenance={})
+    assert store.load(path, proven.Proven).outcome == ended.outcome
 
 
 def test_nothing_is_proven_with_disturbances_of_all_rates(funnels, part):

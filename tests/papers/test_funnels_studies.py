@@ -23,7 +23,7 @@ from marsedl.papers.funnels import (
     stationary,
 )
 from marsedl.papers.funnels.basics import SPHERES
-from marsedl.replication import artifacts
+from marsedl.replication.records import fields
 
 BENCHMARK = 1.163082
 SMALL = {
@@ -251,7 +251,7 @@ def part(small, model):
     """The reference and the feedback of that part."""
     first, last = 88, 88 + small.fine_steps
     extents = {"time": slice(first, last + 1), "half": slice(2 * first, 2 * last + 1)}
-    declared = artifacts.quantities(type(model)).items()
+    declared = fields.quantities(type(model)).items()
     parts = {name: getattr(model, name)[extents[of.dims[0]]] for name, of in declared if of.dims[0] in extents}
     lines = replace(model, **parts)
     return lines, small.call(gains.compute, lines)

@@ -19,8 +19,8 @@ from marsedl.papers.funnels.records import (
     Proven,
     StageStudy,
 )
-from marsedl.replication.artifacts import quantities
-from marsedl.replication.tables import csv_text, write_table
+from marsedl.replication.records.fields import quantities
+from marsedl.replication.records.tables import csv_text, write_table
 
 PAPER = catalogue("funnels")
 

@@ -9,8 +9,9 @@ from marsedl.papers import catalogue
 from marsedl.papers.powered_descent import tables
 from marsedl.papers.powered_descent.claims import measures
 from marsedl.papers.powered_descent.claims.measures import UPPER
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import collect
+from marsedl.replication.claims.verdicts import collect
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.pipeline.injection import Arguments
 
 PAPER = catalogue("powered_descent")
 DECLARATIONS = claims_of("powered_descent").declarations
@@ -37,7 +38,7 @@ def evaluations(pipeline):
 def rows(published, evaluations):
     erratum_ids = {erratum.id for erratum in PAPER.errata}
     claim_rows = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
-    return {row["id"]: row for row in claim_rows}
+    return {row.id: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
@@ -73,25 +74,25 @@ BY_CONSTRUCTION = {"mass_iteration_converges", "mass_variation_from_feedback_onl
 def test_verdicts_of_the_corrected_reading(rows):
     for name, row in rows.items():
         if name in DIFFERS:
-            assert row["verdict"] in ("differs", "fails"), name
-            assert DIFFERS[name] in row["errata"] and row["reason"], name
+            assert row.verdict in ("differs", "fails"), name
+            assert DIFFERS[name] in row.errata and row.reason, name
         elif name in UNDETERMINED:
-            assert row["verdict"] == "undetermined", name
+            assert row.verdict == "undetermined", name
         elif name in BY_CONSTRUCTION:
-            assert row["verdict"] == "by_construction", name
+            assert row.verdict == "by_construction", name
         else:
-            assert row["verdict"] == ("holds" if row["kind"] == "qualitative" else "reproduced"), name
-        assert "{" not in row["reason"]
+            assert row.verdict == ("holds" if row.kind == "qualitative" else "reproduced"), name
+        assert "{" not in row.reason
 
 
 def verdict(rows, name, reading):
-    return rows[name]["readings"][reading]["verdict"]
+    return rows[name].readings[reading].verdict
 
 
 def test_the_smaller_target_reproduces_the_printed_variances(rows):
     assert verdict(rows, "mc_final_cov_diag", "target4") == "reproduced"
     assert verdict(rows, "mc_final_cov_diag", "corrected") == "differs"
-    assert rows["mc_final_cov_diag"]["readings"]["corrected"]["z"]["component"] == [1]
+    assert rows["mc_final_cov_diag"].readings["corrected"].z.component == (1,)
 
 
 def test_failures_of_the_literal_reading_are_visible(rows):
@@ -123,8 +124,8 @@ def test_values_are_those_of_the_artifacts(pipeline, evaluations):
 @pytest.fixture(scope="module")
 def turned(pipeline, published, rows):
     records = pipeline.artifacts("corrected", large=True)
-    values = pipeline.inputs("corrected").values
-    return claims_of("powered_descent").turned(rows.values(), values, lambda name, kind: records.get(name), published)
+    given = Arguments(pipeline.inputs("corrected").values, lambda name, kind: records.get(name))
+    return claims_of("powered_descent").turned(rows.values(), given, published)
 
 
 def test_every_counted_claim_is_turned_by_its_counterexample(turned):

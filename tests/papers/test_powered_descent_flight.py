@@ -12,8 +12,7 @@ from marsedl.montecarlo.statistics import wishart_deviance
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
 from marsedl.papers.powered_descent.records import DEPTH, THRUST
-from marsedl.replication.catalogue import Flown, Trial
-from marsedl.replication.jobs import arguments_of, compute_record
+from marsedl.replication.pipeline.catalogue import Flown, Trial
 
 GRAVITY, MASS_FLOW, NOISE_DENSITY, WET_MASS = 3.71, 1 / (210 * 9.81), 360.0, 1500.0
 DURATIONS = (26.0, 15.0)
@@ -216,12 +215,7 @@ def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
     inputs, gains = pipeline.stage_inputs("corrected", "montecarlo"), pipeline.gains()
     options = {"case": "closed_loop", "trials": 1200, "block_size": 500}
 
-    artifacts = {"gains": gains, "nominal": pipeline.nominal()}
-
-    def give(function, **others):
-        return arguments_of(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
-
-    record = compute_record(pipeline.paper.stages["montecarlo"].entries, give, options)
+    record = pipeline.whole(inputs, {"gains": gains, "nominal": pipeline.nominal()}, **options)
     assert_identical(record, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from marsedl.papers.powered_descent.inputs import MODEL
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_study
+from marsedl.replication.inputs.readings import load_studies, load_study
 
 UNIT = {"noise__thrust_unit": 1.0}
 CONFIG = Path(__file__).parents[2] / "configs" / "powered_descent.yaml"
@@ -18,8 +18,8 @@ def reading_of(based_on="corrected", **inputs):
     for name, value in inputs.items():
         section, _, key = name.partition("__")
         mine.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": mine}}
-    return load_study("powered_descent", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+    own = {"powered_descent": {"readings": {"mine": mine}}}
+    return load_studies({"powered_descent": MODEL}, CONFIG.parent, own)["powered_descent"].readings["mine"]
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_inputs_that_do_not_fit_together_are_refused(based_on, inputs, fragments
     with pytest.raises(InputError) as error:
         reading_of(based_on, **inputs)
     message = str(error.value)
-    assert message.startswith("mine.yaml") and "\n" not in message
+    assert message.startswith("--config") and "\n" not in message
     for fragment in fragments:
         assert fragment in message
 

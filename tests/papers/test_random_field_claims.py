@@ -12,10 +12,12 @@ from marsedl.papers.random_field import tables
 from marsedl.papers.random_field.claims import measures
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.records import CRASHED, VARIANTS, Convergence
-from marsedl.replication.artifacts import quantities
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import COUNTED_VERDICTS, collect, judge
-from marsedl.replication.tables import csv_text
+from marsedl.replication.claims.claim import COUNTED_VERDICTS
+from marsedl.replication.claims.verdicts import collect, judge
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.pipeline.injection import Arguments
+from marsedl.replication.records.fields import quantities
+from marsedl.replication.records.tables import csv_text
 
 PAPER = catalogue("random_field")
 
@@ -93,7 +95,7 @@ def rows(random_field, random_field_published, evaluations):
         known_errata=erratum_ids,
         left_out=set(random_field.study.readings) - set(READINGS),
     )
-    return {row["id"]: row for row in claim_rows}
+    return {row.id: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
@@ -128,20 +130,20 @@ DIFFERS = {"acap_entry_fpa", "acap_dv_p99_closed", "acap_dv_p99_open", "dint_con
 def test_verdicts_of_the_corrected_reading(rows):
     for name, row in rows.items():
         if name in FAILS | DIFFERS:
-            assert row["verdict"] == ("fails" if name in FAILS else "differs"), name
-            assert row["errata"] and row["reason"], name
+            assert row.verdict == ("fails" if name in FAILS else "differs"), name
+            assert row.errata and row.reason, name
         elif name in UNDETERMINED:
-            assert row["verdict"] == "undetermined" and row["readings"]["corrected"]["doubt"], name
-        elif row["verdict"] != "by_construction" and row["kind"] in ("qualitative", "deterministic", "monte_carlo"):
-            assert row["verdict"] == ("holds" if row["kind"] == "qualitative" else "reproduced"), name
+            assert row.verdict == "undetermined" and row.readings["corrected"].doubt, name
+        elif row.verdict != "by_construction" and row.kind in ("qualitative", "deterministic", "monte_carlo"):
+            assert row.verdict == ("holds" if row.kind == "qualitative" else "reproduced"), name
 
 
 def test_all_inputs_are_used_as_stated_by_the_printed_reading(rows):
-    stated = {name: row["verdict"] for name, row in rows.items() if row["kind"] == "input"}
+    stated = {name: row.verdict for name, row in rows.items() if row.kind == "input"}
     assert len(stated) == 44
     # The tests fly fewer trials.
     assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"acap_trials", "dint_trials"}
-    not_as_stated = {name for name in stated if rows[name]["readings"]["corrected"]["verdict"] == "not_as_stated"} - {
+    not_as_stated = {name for name in stated if rows[name].readings["corrected"].verdict == "not_as_stated"} - {
         "acap_trials",
         "dint_trials",
     }
@@ -154,14 +156,14 @@ def test_the_printed_reading_fails_visibly(rows, evaluations):
     assert "node 17 is 450 and node 18 is 400" in printed["acap_dv_p99_closed"].evidence
     assert np.isnan(printed["acap_dv_p99_open"].value) and "below the ground" in printed["acap_dv_p99_open"].evidence
     for name in ("acap_dv_p99_closed", "acap_dv_p99_open"):
-        assert rows[name]["readings"]["printed"]["verdict"] == "differs"
+        assert rows[name].readings["printed"].verdict == "differs"
     for name in ("acap_max_variance_above_h_trans", "acap_end_steps_longer", "acap_control_saturated"):
-        assert rows[name]["readings"]["printed"]["verdict"] == "fails", name
+        assert rows[name].readings["printed"].verdict == "fails", name
 
 
 def test_other_readings_do_what_the_reasons_say(rows):
     def verdict(name, reading):
-        return rows[name]["readings"][reading]["verdict"]
+        return rows[name].readings[reading].verdict
 
     assert verdict("acap_dv_p99_closed", "literal_gains") == "differs"
     assert verdict("acap_control_within_bounds", "literal_gains") == "fails"
@@ -291,7 +293,7 @@ def test_claims_and_tables_cope_with_what_is_lost(random_field, random_field_pub
         require_reasons=False,
         left_out=left_out - set(readings),
     )
-    verdicts = {row["id"]: row["verdict"] for row in rows}
+    verdicts = {row.id: row.verdict for row in rows}
     assert verdicts["acap_dv_p99_closed"] == "differs" or case == "open loop"
     assert verdicts["acap_lc_better_for_guess_state"] == "fails"
     for stem in PAPER.tables:
@@ -317,21 +319,15 @@ def violated(a, share=0.02):
 
 def test_every_counted_claim_is_turned_by_its_counterexample(random_field, random_field_published, rows):
     records = artifacts(random_field, "corrected")
-    turned = CLAIMS.turned(
-        rows.values(),
-        random_field.inputs("corrected").values,
-        lambda name, kind: records.get(name),
-        random_field_published,
-    )
-    counted = {
-        name for name, row in rows.items() if row["verdict"] in COUNTED_VERDICTS and row["kind"] != "undetermined"
-    }
+    given = Arguments(random_field.inputs("corrected").values, lambda name, kind: records.get(name))
+    turned = CLAIMS.turned(rows.values(), given, random_field_published)
+    counted = {name for name, row in rows.items() if row.verdict in COUNTED_VERDICTS and row.kind != "undetermined"}
     assert set(turned) == counted and len(counted) > 20
     assert not {name for name, turning in turned.items() if turning is None}
 
 
 def test_what_cannot_fail_is_not_counted(rows):
-    assert {name for name, row in rows.items() if row["verdict"] == "by_construction"} == {
+    assert {name for name, row in rows.items() if row.verdict == "by_construction"} == {
         *("conditioned_1d_samples", "conditioned_2d_right_edges"),
         *("mean_from_v_covariance_from_gains", "l_variable_identities"),
         *(
@@ -342,9 +338,9 @@ def test_what_cannot_fail_is_not_counted(rows):
         ),
     }
     # Where it is no input, it is judged; where a reading breaks it, it fails.
-    entry = rows["acap_entry_fpa"]["readings"]
-    assert entry["corrected"]["verdict"] == "differs" and entry["angle_printed"]["verdict"] == "by_construction"
-    assert rows["acap_guess_hits_target"]["readings"]["angle_printed"]["verdict"] == "fails"
+    entry = rows["acap_entry_fpa"].readings
+    assert entry["corrected"].verdict == "differs" and entry["angle_printed"].verdict == "by_construction"
+    assert rows["acap_guess_hits_target"].readings["angle_printed"].verdict == "fails"
 
 
 def test_lost_flights_prove_no_statement_about_the_last_law(random_field):

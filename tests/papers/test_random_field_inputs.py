@@ -8,7 +8,7 @@ import pytest
 
 from marsedl.papers.random_field.inputs import MODEL
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import load_study
+from marsedl.replication.inputs.readings import load_studies
 
 CONFIG = Path(__file__).parents[2] / "configs" / "random_field.yaml"
 NODES = [0.0, 50.0, *(25.0 * k for k in range(3, 15)), 400.0]
@@ -20,8 +20,8 @@ def reading_of(based_on="corrected", **inputs):
     for name, value in inputs.items():
         section = next((section for section, of in MODEL.sections().items() if name in list(of.keys())), "air")
         inputs_by_section.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}
-    return load_study("random_field", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+    own = {"random_field": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
+    return load_studies({"random_field": MODEL}, CONFIG.parent, own)["random_field"].readings["mine"]
 
 
 def refused(**inputs):
@@ -29,7 +29,7 @@ def refused(**inputs):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     message = str(error.value)
-    assert message.startswith("mine.yaml: random_field.readings.mine") and "\n" not in message
+    assert message.startswith("--config: random_field.readings.mine") and "\n" not in message
     return message
 
 

@@ -20,7 +20,7 @@ from marsedl.papers.random_field.flight_statistics import (
     step_violations,
 )
 from marsedl.papers.random_field.records import CAPTURED, NOT_EXITED, OUTCOMES
-from marsedl.replication.catalogue import Trial
+from marsedl.replication.pipeline.catalogue import Trial
 
 RADIUS, MU = 3397e3, 4.2828e13
 MISSION = 5 * RADIUS, 2 * RADIUS, MU

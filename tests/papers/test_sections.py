@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import input_model
-from marsedl.replication.inputs import load_study
+from marsedl.replication.inputs.readings import load_study
 
 ROOT = Path(__file__).parents[2]
 # Of all inputs by their names without the section, numbers as floats. A new reading is entered, none is changed.

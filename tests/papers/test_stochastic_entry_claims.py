@@ -9,11 +9,12 @@ from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry import records, tables
 from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES
-from marsedl.replication import effects
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import collect, judge
-from marsedl.replication.report import InputEntry, InputValue, ReadingEntry
-from marsedl.replication.tables import csv_text
+from marsedl.replication.claims.verdicts import collect, judge
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.pipeline.injection import Arguments
+from marsedl.replication.records.tables import csv_text
+from marsedl.replication.report.one_line import why
+from marsedl.replication.report.readings_compared import Compared, Input, Reading
 
 STUDIED = {"theorem_lqg", "corollary_lqg", "fig9_altitude_range_tradeoff"}  # rest on studies of `corrected`
 RANGE = records.DOWNRANGE
@@ -49,7 +50,7 @@ def rows(entry, entry_published, evaluations):
         require_reasons=False,
         left_out=left_out,
     )
-    return {row["id"]: row for row in claim_rows}
+    return {row.id: row for row in claim_rows}
 
 
 def test_every_printed_claim_is_evaluated(entry_published, evaluations):
@@ -62,19 +63,17 @@ def test_every_printed_claim_is_evaluated(entry_published, evaluations):
 
 def test_no_cause_is_shown_whose_reading_moves_no_number(entry, rows):
     """The printed lift error is no reason for the headline: what the Apollo law feeds back is."""
-    readings = [ReadingEntry(name, "", reading.based_on) for name, reading in entry.study.readings.items()]
-    built = [reading for reading in readings if reading.name in (*READINGS, "timed_covariance")]
-    inputs = [
-        InputEntry(
-            name, "1", {r.name: InputValue(repr(entry.study.readings[r.name].inputs.plain()[name]), "") for r in built}
-        )
-        for name in entry.model.names()
-    ]
-    moves = effects.causes(list(rows.values()), PAPER.errata, inputs, built)
+    readings = {}
+    for name in (name for name in entry.study.readings if name in (*READINGS, "timed_covariance")):
+        reading = entry.study.readings[name]
+        inputs = {key: Input(repr(value), "") for key, value in reading.inputs.plain().items()}
+        readings[name] = Reading(name, "", reading.based_on, False, inputs)
+    compared = Compared(list(rows.values()), PAPER.errata, readings, dict.fromkeys(entry.model.names(), ""))
+    moves = compared.causes()
     titles = {erratum.id: erratum.title for erratum in PAPER.errata}
-    shown = {name: effects.why(rows[name], titles, {}, moves[name]) for name in moves}
+    shown = {name: why(rows[name], titles, {}, moves[name]) for name in moves}
     assert shown["headline_range_reduction"] == titles["E14"]
-    deciding = effects.deciding(list(rows.values()), built, inputs, PAPER.errata)
+    deciding = compared.deciding()
     still = {choice.reading for choice in deciding.choices if choice.change and not choice.change.counts}
     assert "printed_aero" in still
     for erratum in PAPER.errata:
@@ -113,7 +112,7 @@ STATE_NAMES = ("radius", "velocity", "flight path angle", "range", "density")
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_verdicts_of_the_corrected_reading(rows, verdict):
-    other_verdicts = {name: rows[name]["verdict"] for name in VERDICTS[verdict] if rows[name]["verdict"] != verdict}
+    other_verdicts = {name: rows[name].verdict for name in VERDICTS[verdict] if rows[name].verdict != verdict}
     assert not other_verdicts
 
 
@@ -122,10 +121,10 @@ def test_the_printed_reading_fails_visibly(rows, evaluations):
         evaluation = evaluations["printed"][f"tab4_downrange_{case}"]
         assert np.isnan(evaluation.value).all() and evaluation.trials == 0
         assert "2,000 not finite" in evaluation.evidence
-        assert rows[f"tab4_downrange_{case}"]["readings"]["printed"]["verdict"] == "differs"
+        assert rows[f"tab4_downrange_{case}"].readings["printed"].verdict == "differs"
     assert np.isnan(evaluations["printed"]["headline_range_reduction"].value)
     for name in ("fig8_stochastic_inside", "fig13_clear_difference", "bank_rate_respected", "trigger_covariance"):
-        assert rows[name]["readings"]["printed"]["verdict"] == "fails", name
+        assert rows[name].readings["printed"].verdict == "fails", name
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -221,9 +220,8 @@ def unlike_identity(linearization):
 def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published, rows):
     """No counted verdict is one that could not be otherwise."""
     artifacts = entry.artifacts("corrected")
-    turned = claims_of("stochastic_entry").turned(
-        rows.values(), entry.inputs("corrected").values, lambda name, kind: artifacts.get(name), entry_published
-    )
+    given = Arguments(entry.inputs("corrected").values, lambda name, kind: artifacts.get(name))
+    turned = claims_of("stochastic_entry").turned(rows.values(), given, entry_published)
     assert set(VERDICTS["holds"] | VERDICTS["fails"] | VERDICTS["differs"]) <= set(turned)
     assert not [name for name, change in turned.items() if change is None]
 

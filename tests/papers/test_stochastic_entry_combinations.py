@@ -5,7 +5,7 @@ import pytest
 
 from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES, DOWNRANGE, LEVELS
-from marsedl.replication.claims import judge
+from marsedl.replication.claims.verdicts import judge
 
 TRIALS = 300  # of the study in the tests
 

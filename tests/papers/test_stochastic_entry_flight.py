@@ -10,8 +10,8 @@ from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
 from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, montecarlo, records
 from marsedl.papers.stochastic_entry.montecarlo import nominal_final
-from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Trial
+from marsedl.replication.pipeline.catalogue import Trial
+from marsedl.replication.records import store
 
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 RADIUS = 3397e3
@@ -213,11 +213,9 @@ def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path)
         assert (ensemble.count, ensemble.excluded, len(ensemble.final_state)) == (0, 100, 100)
         assert np.isnan(ensemble.final_state[:, records.DOWNRANGE]).all() and np.isnan(ensemble.mean).all()
         assert (ensemble.flying == 0).all()
-        artifacts.save(tmp_path / "case.h5", ensemble, paper="stochastic_entry", reading="printed", provenance={})
+        store.save(tmp_path / "case.h5", ensemble, paper="stochastic_entry", reading="printed", provenance={})
         kind = type(ensemble)
-        assert_identical(
-            ensemble, artifacts.load(tmp_path / "case.h5", kind, paper="stochastic_entry", reading="printed")
-        )
+        assert_identical(ensemble, store.load(tmp_path / "case.h5", kind, paper="stochastic_entry", reading="printed"))
     inputs, needed = entry.stage_inputs("printed", "montecarlo"), entry.needed("montecarlo", "printed")
     assert "not finite" in inputs.call(montecarlo.replay, **needed, trial=Trial("stochastic_time", 3))
 

@@ -8,8 +8,8 @@ import pytest
 
 from marsedl.papers.stochastic_entry import environment, nominal, tradeoff
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import arguments_of
+from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.pipeline.injection import Arguments
 
 CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
 
@@ -18,10 +18,11 @@ def reading_of(entry, **inputs):
     """A user's own reading, based on corrected."""
     inputs_with_source = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
     of = {key: section for section, inputs in entry.model.sections().items() for key in dict(inputs.keys())}
-    overlay = {"readings": {"mine": {"based_on": "corrected"}}}
+    mine = {"based_on": "corrected"}
     for name, body in inputs_with_source.items():
-        overlay["readings"]["mine"].setdefault(of.get(name, "design"), {})[name] = body
-    study = load_study("stochastic_entry", entry.model, CONFIG, overlay=overlay, overlay_name="mine.yaml")
+        mine.setdefault(of.get(name, "design"), {})[name] = body
+    own = {"stochastic_entry": {"readings": {"mine": mine}}}
+    study = load_studies({"stochastic_entry": entry.model}, CONFIG.parent, own)["stochastic_entry"]
     return study.readings["mine"]
 
 
@@ -30,7 +31,7 @@ def refused(entry, **inputs):
     with pytest.raises(InputError) as error:
         reading_of(entry, **inputs)
     message = str(error.value)
-    assert message.startswith("mine.yaml: stochastic_entry.readings.mine") and "\n" not in message
+    assert message.startswith("--config: stochastic_entry.readings.mine") and "\n" not in message
     return message
 
 
@@ -92,7 +93,7 @@ def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
     mine = reading_of(entry, density_profile="table", density_table=str(path))
     assert np.shape(mine.inputs.air.density_table) == (len(altitude), 2)  # the numbers, not the path
-    trajectory = nominal.compute(**arguments_of(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
+    trajectory = Arguments(mine.inputs.plain()).call(nominal.compute)
     assert trajectory.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
     assert trajectory.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
 

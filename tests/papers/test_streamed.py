@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from marsedl.montecarlo import streaming
-from marsedl.replication import artifacts
-from marsedl.replication.tables import printed_cells
+from marsedl.replication.records import store
+from marsedl.replication.records.tables import printed_cells
 
 TRIALS, EXACT, BLOCK = 2000, 1200, 100
 PAPERS = ("powered_descent", "stochastic_entry")
@@ -52,9 +52,9 @@ def test_results_do_not_depend_on_chunks(cases):
 
 def test_artifacts_of_large_cases_are_loaded_in_the_place_of_others(cases, tmp_path):
     whole, path = cases.streamed[cases.first], tmp_path / "montecarlo.h5"
-    artifacts.save(path, whole, paper=cases.slug, reading="mine", provenance={})
+    store.save(path, whole, paper=cases.slug, reading="mine", provenance={})
     records = import_module(f"marsedl.papers.{cases.slug}.records")
-    loaded = artifacts.load(path, records.FlightEnsemble, paper=cases.slug, reading="mine")
+    loaded = store.load(path, records.FlightEnsemble, paper=cases.slug, reading="mine")
     assert type(loaded) is type(whole)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(loaded, field.name))

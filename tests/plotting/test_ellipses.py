@@ -1,4 +1,4 @@
-"""Ellipses and bands against their definitions."""
+"""Ellipses against their definitions."""
 
 import numpy as np
 import pytest

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marsedl.plotting.fields import Field, field, printed_unit, sigma_bounds, standard_deviation
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 from marsedl.replication.units import converted
 
 MOTION = Axis("motion", altitude="m", velocity="m/s", flight_path_angle="rad")

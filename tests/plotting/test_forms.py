@@ -9,7 +9,7 @@ from marsedl.montecarlo.statistics import variance_sampling_band
 from marsedl.plotting.fields import Field
 from marsedl.plotting.forms import covariance_ellipse, distribution, iterations, predicted_against_sampled
 from marsedl.plotting.style import BLACK, BLUE, new_figure
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 PLANE = Axis("plane", downrange="m", altitude="m", velocity="m/s")
 

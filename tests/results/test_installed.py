@@ -60,7 +60,7 @@ def installed(tmp_path):
     return tmp_path
 
 
-def test_an_installed_package_finds_its_catalogues_and_the_results_of_a_build(installed):
+def test_an_installed_package_finds_its_catalogues_and_a_build_and_writes_nothing(installed):
     program = """
         import marsedl
         from marsedl import results
@@ -71,4 +71,5 @@ def test_an_installed_package_finds_its_catalogues_and_the_results_of_a_build(in
     path, stages, inputs = printed(installed / "build", program, PYTHONPATH=str(installed / "site"))
     assert path == str(installed / "site" / "marsedl" / "__init__.py")
     assert int(stages) > 5 and int(inputs) > 40
-    assert sorted(other.name for other in installed.iterdir()) == ["build", "site"]
+    written = [*installed.iterdir(), *(installed / "build").iterdir(), *installed.rglob("fingerprints.json")]
+    assert sorted(path.name for path in written) == ["build", "configs", "site"]

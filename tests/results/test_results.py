@@ -10,8 +10,8 @@ import pytest
 
 from marsedl import results
 from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
-from marsedl.replication import artifacts
 from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.records import fields, store
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "results.md"
@@ -19,12 +19,12 @@ SIZES = {"trials": 500, "time": 3, "kept": 2, "bins": 4, "edges": 3, "segments":
 COVARIANCE = np.diag([4.0, 1.0, 0.09, 0.04, 2.0]) + 0.01
 
 
-def made_up(kind, **fields):
+def made_up(kind, **given):
     """A record of ones, but for the fields that are given."""
     values = {}
-    for name, declared in artifacts.quantities(kind).items():
+    for name, declared in fields.quantities(kind).items():
         shape = tuple(SIZES[extent] if isinstance(extent, str) else extent for extent in declared.dims)
-        values[name] = fields.get(name, np.ones(shape, "int64" if declared.dtype.startswith("int") else declared.dtype))
+        values[name] = given.get(name, np.ones(shape, "int64" if declared.dtype.startswith("int") else declared.dtype))
     return kind(**values)
 
 
@@ -43,7 +43,7 @@ def flights():
 
 
 def claim(name, printed, readings, kind="monte_carlo"):
-    texts = dict.fromkeys(("where", "quantity", "unit", "verdict", "reading", "reason"), "-")
+    texts = dict.fromkeys(("where", "quantity", "unit", "reason"), "-") | {"verdict": "close", "reading": "corrected"}
     rows = {
         reading: {
             "value": value,
@@ -79,9 +79,9 @@ def build(tmp_path):
         mean = np.full((3, 4), level)
         record = made_up(Gains, time=np.array([0.0, 20.5, 41.0]), mean=mean)
         path = cache / reading / "gains.h5"
-        artifacts.save(path, record, paper="powered_descent", reading=reading, provenance={})
+        store.save(path, record, paper="powered_descent", reading=reading, provenance={})
     path = cache / "corrected" / "montecarlo.closed_loop.h5"
-    artifacts.save(path, flights(), paper="powered_descent", reading="corrected", provenance={})
+    store.save(path, flights(), paper="powered_descent", reading="corrected", provenance={})
     for folder, first in (("figures", 1e-9), ("other/figures", 2e-9)):
         for place in ("powered_descent", "powered_descent/printed"):
             tables = tmp_path / folder / place

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from marsedl.replication.verification import snakemake
+from marsedl.replication.checks.twice import snakemake
 
 ROOT = Path(__file__).parents[2]
 SHARED = ("rerun-triggers", "rerun-incomplete", "max-checksum-file-size", "show-failed-logs", "keep-going", "scheduler")

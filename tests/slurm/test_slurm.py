@@ -22,8 +22,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from marsedl.replication.digests import digest_tree
-from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
+from marsedl.replication.checks.twice import PRODUCTS, copy_tree, snakemake
+from marsedl.replication.records.differences import digest_tree
 
 pytestmark = [pytest.mark.slurm, pytest.mark.workflow]
 

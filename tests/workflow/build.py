@@ -1,7 +1,7 @@
 """Make the smoke build that the tests share: `python build.py folder`, which then holds it with what came of it.
 
-The project is built twice as `marsedl verify` does. The first build loads the kernels that the tests compile and
-compiles the others for them, the second compiles its own.
+The project is built twice as `marsedl verify` does. Both builds load the kernels that the tests compile, and compile
+the others for them.
 """
 
 import contextlib
@@ -11,8 +11,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from marsedl.replication import verification
-from marsedl.replication.digests import digest_tree
+from marsedl.replication.checks import twice
+from marsedl.replication.records.differences import digest_tree
 from marsedl.replication.sizes import build_folder
 
 ROOT = Path(__file__).parents[2]
@@ -21,25 +21,24 @@ ROOT = Path(__file__).parents[2]
 def with_kernels_of_the_tests(root: Path, folder: Path) -> Path:
     """Copy the tree as `build_twice` asks for."""
     copy_tree(root, folder)
-    if folder.name == "0":
-        (folder / ".cache").mkdir()
-        for name in ("numba", "matplotlib"):
-            (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
-            (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
+    (folder / ".cache").mkdir()
+    for name in ("numba", "matplotlib"):
+        (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
+        (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
     return folder
 
 
-copy_tree, verification.copy_tree = verification.copy_tree, with_kernels_of_the_tests
+copy_tree, twice.copy_tree = twice.copy_tree, with_kernels_of_the_tests
 
 
 def main(folder: Path) -> None:
     """Build twice, and write what was said and the digests of the first."""
     project, said = copy_tree(ROOT, folder / "project"), io.StringIO()
     with contextlib.redirect_stdout(said):
-        agree = verification.build_twice(project)
+        agree = twice.build_twice(project)
     print(said.getvalue())
     first, second = (project / "build" / "verify" / str(number) for number in range(2))
-    digests = digest_tree(build_folder(first, "smoke"), verification.PRODUCTS)
+    digests = digest_tree(build_folder(first, "smoke"), twice.PRODUCTS)
     shutil.rmtree(second)
     result = {"agree": agree, "output": said.getvalue(), "digests": digests}
     (folder / "built.part").write_text(json.dumps(result), encoding="utf-8")

@@ -14,7 +14,7 @@ from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
 
-from marsedl.replication.jobs import pin_numerics
+from marsedl.replication.pipeline.numerics import pin_numerics
 
 SIZE = "smoke"
 
@@ -22,11 +22,12 @@ SIZE = "smoke"
 def flights(root, slug):
     """Functions that fly each case of a paper's corrected reading, and the stages that are flights by another name."""
     from marsedl.papers import catalogue, input_model
-    from marsedl.replication import artifacts
-    from marsedl.replication.catalogue import FLIGHTS
-    from marsedl.replication.inputs import load_study
-    from marsedl.replication.jobs import arguments_of, compute_record, whole_case
-    from marsedl.replication.sharing import Shared
+    from marsedl.replication.inputs.readings import load_study
+    from marsedl.replication.pipeline.catalogue import FLIGHTS, whole_case
+    from marsedl.replication.pipeline.injection import Arguments
+    from marsedl.replication.pipeline.runner import computed
+    from marsedl.replication.pipeline.sharing import Shared
+    from marsedl.replication.records import store
     from marsedl.replication.sizes import build_folder
 
     paper = catalogue(slug)
@@ -35,14 +36,12 @@ def flights(root, slug):
 
     def record(name, kind):
         path = build_folder(root, SIZE) / shared.file("corrected", name)
-        return artifacts.load(path, kind, paper=slug, reading="corrected") if path.exists() else None
+        return store.load(path, kind, paper=slug, reading="corrected") if path.exists() else None
 
     def fly(stage, options):
         declared = paper.stages[stage]
         values = {name: inputs.plain()[name] for name in declared.inputs}
-        compute_record(
-            declared.entries, lambda function, **others: arguments_of(function, values, record, **others), options
-        )
+        computed(declared.entries, Arguments(values, record), options)
 
     for case, name in inputs.CASES.items():
         if trials := inputs.get(name):
@@ -54,7 +53,7 @@ def flights(root, slug):
 
 def recorded(root, slugs):
     """Kernel, arguments and what it left, of the first call of each kernel under each case."""
-    from marsedl.replication.fingerprints import fingerprints_of
+    from marsedl.replication.pipeline.fingerprints import fingerprints_of
 
     calls, seen = [], set()
 

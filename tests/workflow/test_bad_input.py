@@ -12,7 +12,7 @@ import yaml
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
+from marsedl.replication.inputs.readings import SETTINGS, load_studies, read_own_file
 
 pytestmark = pytest.mark.workflow
 

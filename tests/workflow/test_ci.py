@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from marsedl.cli import _COMMANDS
+from marsedl.cli import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 HOSTED = ROOT / ".github" / "workflows" / "ci.yml"
@@ -59,4 +59,4 @@ def test_the_workflow_catalog_finds_what_it_asks_for():
 def test_forms_for_issues_name_commands_that_exist():
     for path in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"):
         assert yaml.safe_load(path.read_text(encoding="utf-8"))
-        assert set(re.findall(r"`marsedl (\w[\w-]*)", path.read_text(encoding="utf-8"))) <= set(_COMMANDS)
+        assert set(re.findall(r"`marsedl (\w[\w-]*)", path.read_text(encoding="utf-8"))) <= set(COMMANDS)

@@ -9,12 +9,15 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.claiming import claims_of
-from marsedl.replication.claims import COUNTED_VERDICTS, Declaration, judge, load_measured, load_published
-from marsedl.replication.graph import Memory, Run
-from marsedl.replication.inputs import load_study
-from marsedl.replication.sharing import Shared
-from marsedl.replication.verification import compare, fingerprints, format_changes, read_reference
+from marsedl.replication.checks.reference import compare, fingerprints, format_changes
+from marsedl.replication.claims.claim import COUNTED_VERDICTS
+from marsedl.replication.claims.committed import read_reference
+from marsedl.replication.claims.printed import load_measured, load_published
+from marsedl.replication.claims.verdicts import Declaration, judge
+from marsedl.replication.claims.writing import claims_of, evaluate
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.pipeline.runner import Memory, Run
+from marsedl.replication.pipeline.sharing import Shared
 
 pytestmark = pytest.mark.workflow
 ROOT = Path(__file__).parents[2]
@@ -49,7 +52,7 @@ def test_stages_that_no_size_changes_have_the_committed_numbers(copied, slug, mo
     found = {k: v for k, v in fingerprints(copied.build, slug, files).items() if k.rpartition("/")[0] in files}
     comparison = compare(committed, found, paper.noise)
     assert comparison.margins
-    assert not comparison.changes, format_changes(comparison.changes)
+    assert not comparison.changes, format_changes(comparison)
 
 
 @pytest.mark.parametrize("slug", IN_MEMORY)
@@ -57,7 +60,7 @@ def test_a_paper_at_full_size_has_the_committed_verdicts(slug, monkeypatch):
     monkeypatch.chdir(ROOT)
     published = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
     run = Run.of(catalogue(slug), study_of(slug).readings["corrected"].inputs, Memory())
-    evaluations = run.evaluations(published, measured=load_measured(BENCHMARKS, slug))
+    evaluations = evaluate(run, published, measured=load_measured(BENCHMARKS, slug))
     reference, declarations, moved = read_reference(ROOT, slug), claims_of(slug).declarations, {}
     for name, claim in published.items():
         committed = reference[f"verdicts/{name}"].get("corrected")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import SLUGS, catalogue
-from marsedl.replication.claims import read_claims
+from marsedl.replication.claims.rows import read_claims
 
 pytestmark = pytest.mark.workflow
 
@@ -34,5 +34,5 @@ def test_every_stage_at_smoke_size(tree, slug):
     assert stages(report) == set(catalogue(slug).stages)
     assert report["unequal"] == []
     for row in read_claims(tree.path(f"report/claims/{slug}.json")):
-        if isinstance(value := row["readings"]["corrected"]["value"], float | bool | int):
-            assert report["values"][row["id"]] == value, row["id"]
+        if isinstance(value := row.readings["corrected"].value, float | bool | int):
+            assert report["values"][row.id] == value, row.id

@@ -7,8 +7,8 @@ import pytest
 
 from marsedl.montecarlo.streaming import final_percentile
 from marsedl.papers.powered_descent.records import FlightEnsemble, StreamedFlightEnsemble
-from marsedl.replication import artifacts
-from marsedl.replication.digests import digest
+from marsedl.replication.records import store
+from marsedl.replication.records.differences import digest
 
 pytestmark = pytest.mark.workflow
 
@@ -41,7 +41,7 @@ def test_a_large_case_is_the_same_for_any_chunks_and_keeps_its_first_trials(tree
         digests.append(digest(tree.path(TARGET)))
     assert digests[0] == digests[1]
 
-    ensemble = artifacts.load(tree.path(TARGET), FlightEnsemble, paper="powered_descent", reading="mine")
+    ensemble = store.load(tree.path(TARGET), FlightEnsemble, paper="powered_descent", reading="mine")
     assert isinstance(ensemble, StreamedFlightEnsemble)
     assert ensemble.count + ensemble.excluded == ensemble.outcome_counts.sum() == TRIALS
     assert len(ensemble.final_state) == EXACT

@@ -6,9 +6,9 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.papers.stochastic_entry.records import FlightEnsemble, Nominal
-from marsedl.replication.artifacts import load
-from marsedl.replication.claims import read_claims
-from marsedl.replication.digests import digest
+from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.records.differences import digest
+from marsedl.replication.records.store import load
 
 pytestmark = pytest.mark.workflow
 
@@ -53,7 +53,7 @@ def test_an_own_reading_is_built_beside_the_others(small, tmp_path):
     # The claims get a column for it, which goes again with the file.
     works(small, f"report/claims/{GLIDE}.json", configfile=path)
     (row,) = read_claims(small.path(f"report/claims/{GLIDE}.json"))
-    assert row["readings"].keys() == {"corrected", "printed", "mine"}
+    assert row.readings.keys() == {"corrected", "printed", "mine"}
     assert small.plan(f"report/claims/{GLIDE}.json").rules == {"claims"}
 
 

@@ -13,10 +13,10 @@ import yaml
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication import staleness
-from marsedl.replication.fingerprints import Fingerprints, fingerprints_of
-from marsedl.replication.inputs import load_studies
-from marsedl.replication.libraries import _version, versions_used
+from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.pipeline import staleness
+from marsedl.replication.pipeline.fingerprints import Fingerprints, fingerprints_of
+from marsedl.replication.pipeline.libraries import _version, versions_used
 
 pytestmark = pytest.mark.workflow
 
@@ -164,8 +164,10 @@ def project(sources):
 def test_comments_docstrings_and_messages_of_the_machinery_rerun_nothing(project):
     project.edit(PHYSICS, '    """Norm of the thrust, ||u|| (Eq. 2)', '\n\n    """Size of the thrust, ||u|| (Eq. 2)')
     project.edit("workflow/scripts/stage.py", '"""Run one stage:', '"""Do one stage:')
-    project.edit(f"{PACKAGE}/replication/artifacts.py", "run snakemake to build it", "snakemake builds it")
-    project.edit(f"{PACKAGE}/replication/jobs.py", "start jobs through snakemake", "jobs start through snakemake")
+    project.edit(f"{PACKAGE}/replication/records/store.py", "run snakemake to build it", "snakemake builds it")
+    project.edit(
+        f"{PACKAGE}/replication/pipeline/numerics.py", "start jobs through snakemake", "jobs start through snakemake"
+    )
     for name in [*(f"configs/{slug}.yaml" for slug in SLUGS), PHYSICS, "workflow/scripts/tables.py"]:
         project.write(name, (project.folder / name).read_text(encoding="utf-8") + "\n\n# A comment at the end.\n")
     assert project.edited().rerun == ()

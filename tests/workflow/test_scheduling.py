@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from marsedl.replication.verification import snakemake
+from marsedl.replication.checks.twice import snakemake
 
 pytestmark = pytest.mark.workflow
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from marsedl.replication.claims import read_claims
+from marsedl.replication.claims.rows import read_claims
 
 pytestmark = pytest.mark.workflow
 
@@ -44,6 +44,6 @@ def test_a_smoke_build_even_an_interrupted_one_leaves_full_products_alone(small)
 
 
 def test_a_smoke_build_says_so(copied):
-    assert {row["size"] for row in read_claims(copied.path("report/claims.json"))} == {"smoke"}
+    assert {row.size for row in read_claims(copied.path("report/claims.json"))} == {"smoke"}
     page = copied.path("report/index.html").read_text(encoding="utf-8")
     assert "This report comes from a run of size smoke." in page

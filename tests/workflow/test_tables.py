@@ -7,7 +7,7 @@ import pytest
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue
-from marsedl.replication.tables import TYPES
+from marsedl.replication.records.tables import TYPES
 
 pytestmark = pytest.mark.workflow
 FOLDERS = {slug: {**catalogue(slug).tables, **catalogue(slug).summaries} for slug in SLUGS}

@@ -8,8 +8,8 @@ import pytest
 
 from marsedl.cli import _project
 from marsedl.papers import SLUGS
-from marsedl.replication.claims import read_claims
-from marsedl.replication.inputs import COMMITTED_INPUTS, committed_inputs, counted_inputs, load_study
+from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.inputs.readings import COMMITTED_INPUTS, committed_inputs, counted_inputs, load_study
 
 pytestmark = pytest.mark.workflow
 
@@ -19,7 +19,7 @@ TARGET = f"report/claims/{SLUG}.json"
 
 
 def reason(tree):
-    return next(row["reason"] for row in read_claims(tree.path(TARGET)) if row["id"] == CLAIM)
+    return next(row.reason for row in read_claims(tree.path(TARGET)) if row.id == CLAIM)
 
 
 def test_it_is_refused_where_verdicts_count_and_named_elsewhere(small):

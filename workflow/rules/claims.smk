@@ -29,7 +29,7 @@ for _paper in PAPERS:
                     f"figures/{_paper}/claims.csv",
                     caption="../report/claims.rst",
                     category=_paper,
-                    subcategory=DEFAULT,
+                    subcategory=CORRECTED,
                     labels={"reading": "all", "item": "claims", "kind": "table"},
                 ),
                 f"figures/{_paper}/claims.md",
@@ -52,7 +52,7 @@ for _paper in PAPERS:
         name:
             f"{_paper}_counterexamples"
         input:
-            sorted(claimed(_paper, DEFAULT).values()),
+            sorted(claimed(_paper, CORRECTED).values()),
             changed=unproven(f"report/counterexamples/{_paper}.json"),
             claims=f"report/claims/{_paper}.json",
             published=source(f"data/published/{_paper}.yaml"),

@@ -8,24 +8,24 @@ import time
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication import command_line
-from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER
-from marsedl.replication.claims import read_claims
+from marsedl.replication.pipeline import targets
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
+from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import SETTINGS, load_studies
-from marsedl.replication.quotes import Quotes, by_id, with_numbers
-from marsedl.replication.site import site_files
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.readings import SETTINGS, load_studies
+from marsedl.replication.claims.quotes import Quotes, by_id, with_numbers
+from marsedl.replication.report.pages import site_files
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.staleness import BENCHMARKS, Recipes
+from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
 
 ROOT = Path(workflow.current_basedir).parents[1]
 # Another workflow may use these rules as a module: its words, files and further keys are its own.
 IS_MAIN = workflow.modifier.is_main_snakefile()
-WORDS = command_line.words_of(sys.argv) if IS_MAIN else []
+WORDS = targets.words_of(sys.argv) if IS_MAIN else []
 OWN_CONFIG = dict(config) if IS_MAIN else {key: config[key] for key in (*SLUGS, *SETTINGS) if key in config}
 OWN_FILES = workflow.configfiles if IS_MAIN else []
 SIZE = str(OWN_CONFIG.get("size", "full"))
-DEFAULT = "corrected"
 
 
 def from_start(path):

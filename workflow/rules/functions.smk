@@ -59,13 +59,13 @@ def product_rules():
     """Name and kind of each rule, its paper and the names of its products; those of all figures are wildcards."""
     yield "figure", FIGURE, "{paper}", ["{stem}"]
     for paper, catalogue in PAPERS.items():
-        for tables in command_line.tables_of_equal_needs(catalogue):
-            yield f"{paper}_table_{next(iter(tables))}", TABLES, paper, list(tables)
+        for tables in catalogue.tables_of_equal_needs():
+            yield f"{paper}_table_{tables[0]}", TABLES, paper, tables
 
 
 def reading_of(wildcards):
     """The reading in whose folder a product stands."""
-    return wildcards.place.strip("/") or DEFAULT
+    return wildcards.place.strip("/") or CORRECTED
 
 
 def product_files(kind, paper, stems):
@@ -117,6 +117,6 @@ def comparison_captions(wildcards, output):
 
 def comparison_shown(kind, suffix):
     """A file of a comparison, which `snakemake --report` shows."""
-    labels = {"reading": DEFAULT, "item": "{stem}", "kind": kind}
-    place = dict(category="comparison of the papers", subcategory=DEFAULT, labels=labels)
+    labels = {"reading": CORRECTED, "item": "{stem}", "kind": kind}
+    place = dict(category="comparison of the papers", subcategory=CORRECTED, labels=labels)
     return report(f"figures/comparison/{{stem}}.{suffix}", caption=f"../report/comparison_{kind}.rst", **place)

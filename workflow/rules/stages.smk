@@ -41,7 +41,7 @@ for _paper in PAPERS:
 
 # An artifact that another reading owns: whoever asks for it by its path gets the owner's.
 for _path in WORDS:
-    if _owned := command_line.owned_elsewhere(_path, SHARED):
+    if _owned := targets.owned_elsewhere(_path, SHARED):
 
         rule:
             name:

@@ -1,15 +1,13 @@
 """Join the claims of all papers with their counterexamples, and count their verdicts on a badge."""
 
-from marsedl.replication.claims import read_claims, read_counterexamples, with_counterexamples, write_claims
-from marsedl.replication.front_page import write_badge
-from marsedl.replication.jobs import guarded
+from marsedl.replication.claims.rows import read_claims, read_counterexamples, write_claims
+from marsedl.replication.pipeline.jobs import guarded
+from marsedl.replication.report.front_page import write_badge
 
 with guarded(snakemake):
-    files = zip(snakemake.input.claims, snakemake.input.counterexamples, strict=True)
-    rows = [
-        row
-        for claims, counterexamples in files
-        for row in with_counterexamples(read_claims(claims), read_counterexamples(counterexamples))
-    ]
+    rows = []
+    for claims, counterexamples in zip(snakemake.input.claims, snakemake.input.counterexamples, strict=True):
+        turned = read_counterexamples(counterexamples)
+        rows += [row.turned_by(turned.get(row.id)) for row in read_claims(claims)]
     write_claims(rows, snakemake.output.claims)
     write_badge(rows, snakemake.output.badge)

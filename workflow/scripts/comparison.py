@@ -4,8 +4,8 @@ from importlib import import_module
 
 from marsedl.comparison.records import collect
 from marsedl.plotting.style import save_figure
-from marsedl.replication.jobs import guarded
-from marsedl.replication.tables import write_table
+from marsedl.replication.pipeline.jobs import guarded
+from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
     stem, params, output = snakemake.wildcards.stem, job.params, snakemake.output

@@ -2,9 +2,9 @@
 
 import json
 
-from marsedl.replication.claims import write_text
-from marsedl.replication.digests import digest
-from marsedl.replication.jobs import guarded
+from marsedl.replication.files import write_text
+from marsedl.replication.pipeline.jobs import guarded
+from marsedl.replication.records.differences import digest
 
 with guarded(snakemake):
     products = sorted(set(snakemake.input) - {snakemake.input.changed})

@@ -1,10 +1,10 @@
 """Draw one figure."""
 
-from importlib import import_module
-
 from marsedl.plotting.style import save_figure
-from marsedl.replication.jobs import guarded, published_of
+from marsedl.replication.claims.printed import published_of
+from marsedl.replication.pipeline.catalogue import entry_of, function_of
+from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
-    function = getattr(import_module(f"marsedl.papers.{job.paper}.figures"), *job.params.made["stems"])
-    save_figure(function(**job.arguments_of(function, **published_of(job.params))), *snakemake.output)
+    function = function_of(entry_of(job.paper, "figures", *job.params.made["stems"]))
+    save_figure(job.given().call(function, **published_of(job.params)), *snakemake.output)

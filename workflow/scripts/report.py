@@ -4,9 +4,9 @@ from pathlib import Path
 
 from marsedl.comparison import comparisons
 from marsedl.papers import catalogue, input_model
-from marsedl.replication import assembly
-from marsedl.replication.jobs import guarded
-from marsedl.replication.site import build_site
+from marsedl.replication.pipeline.jobs import guarded
+from marsedl.replication.report import assembly
+from marsedl.replication.report.pages import build_site
 
 with guarded(snakemake) as job:
     claims = assembly.claims_by_paper(snakemake.input.claims)
@@ -18,4 +18,4 @@ with guarded(snakemake) as job:
         for slug, readings in job.params.made["readings"].items()
     ]
     around = assembly.environment(job.params.made["size"], Path(snakemake.input.digests))
-    build_site(Path(snakemake.output[0]).parent, papers, around, assembly.comparison(comparisons()))
+    build_site(Path(snakemake.output[0]).parent, papers, around, comparisons())

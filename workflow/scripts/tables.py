@@ -1,12 +1,12 @@
 """Write the tables of a reading that need the same artifacts, as CSV and Markdown."""
 
-from importlib import import_module
-
-from marsedl.replication.jobs import guarded, published_of
-from marsedl.replication.tables import write_table
+from marsedl.replication.claims.printed import published_of
+from marsedl.replication.pipeline.catalogue import entry_of, function_of
+from marsedl.replication.pipeline.jobs import guarded
+from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
-    module, published = import_module(f"marsedl.papers.{job.paper}.tables"), published_of(job.params)
+    given, published = job.given(), published_of(job.params)
     for number, stem in enumerate(job.params.made["stems"]):
-        table = getattr(module, stem)
-        write_table(table(**job.arguments_of(table, **published)), *snakemake.output[2 * number : 2 * number + 2])
+        table = given.call(function_of(entry_of(job.paper, "tables", stem)), **published)
+        write_table(table, *snakemake.output[2 * number : 2 * number + 2])

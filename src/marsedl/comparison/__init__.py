@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.declarations import Taken, taken_by
-from marsedl.replication.fingerprints import fingerprints_of
-from marsedl.replication.texts import FILE, comparison_texts
+from marsedl.replication.pipeline.declarations import Taken, taken_by
+from marsedl.replication.pipeline.fingerprints import fingerprints_of
+from marsedl.replication.report.texts import FILE, comparison_texts
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from marsedl.papers.stochastic_entry.records import FlightEnsemble as Stochastic
 from marsedl.papers.stochastic_entry.records import Gains as StochasticEntryGains
 from marsedl.papers.stochastic_entry.records import Linearization as StochasticEntryLinearization
 from marsedl.plotting.style import BLACK, GREY, new_figure
-from marsedl.replication.tables import Column
-from marsedl.replication.tables import table as table_of
-from marsedl.replication.thresholds import SIGMAS
+from marsedl.replication.claims.thresholds import SIGMAS
+from marsedl.replication.records.tables import Column
+from marsedl.replication.records.tables import table as table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -22,8 +22,8 @@ from marsedl.papers.stochastic_entry import environment as stochastic_entry_envi
 from marsedl.papers.stochastic_entry import inputs as stochastic_entry_inputs
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import new_figure
-from marsedl.replication.tables import Column
-from marsedl.replication.tables import table as table_of
+from marsedl.replication.records.tables import Column
+from marsedl.replication.records.tables import table as table_of
 from marsedl.replication.units import KM
 
 if TYPE_CHECKING:

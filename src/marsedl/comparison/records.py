@@ -1,10 +1,10 @@
 """The records of a comparison, from the inputs and artifact files of all papers; and how papers are shown."""
 
 from collections.abc import Callable
-from importlib import import_module
 
 from marsedl.plotting.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from marsedl.replication.jobs import arguments_of
+from marsedl.replication.pipeline.catalogue import function_of
+from marsedl.replication.pipeline.injection import Arguments
 
 NAMES = {
     "powered_descent": "powered descent",
@@ -31,13 +31,11 @@ def collect(stem: str, inputs: dict, files: dict, load: Callable) -> dict:
     Raises:
         ArtifactError: if a file is missing, damaged or of another paper or reading.
     """
-    module = import_module(f"marsedl.comparison.{stem}")
     records = {}
     for slug, paths in files.items():
-        function = getattr(module, slug)
 
         def artifact(name, kind, paths=paths):
             return load(paths[name], kind) if name in paths else None
 
-        records[slug] = function(**arguments_of(function, inputs[slug], artifact))
+        records[slug] = Arguments(inputs[slug], artifact).call(function_of(f"marsedl.comparison.{stem}:{slug}"))
     return records

@@ -19,8 +19,8 @@ from marsedl.papers.stochastic_entry import records as stochastic_entry_records
 from marsedl.papers.stochastic_entry.records import FlightEnsemble as StochasticEntryFlights
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import GREY, new_figure
-from marsedl.replication.tables import Column
-from marsedl.replication.tables import table as table_of
+from marsedl.replication.records.tables import Column
+from marsedl.replication.records.tables import table as table_of
 from marsedl.replication.units import KM
 
 if TYPE_CHECKING:

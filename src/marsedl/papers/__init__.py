@@ -4,7 +4,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
@@ -13,9 +13,9 @@ SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochast
 def catalogue(slug: str) -> Paper:
     """Return a paper's bill of materials, with its words and what its functions declare."""
     # Here, as jobs import this package without it.
-    from marsedl.replication.declarations import declared
-    from marsedl.replication.fingerprints import fingerprints_of
-    from marsedl.replication.texts import FILE, with_texts
+    from marsedl.replication.pipeline.declarations import declared
+    from marsedl.replication.pipeline.fingerprints import fingerprints_of
+    from marsedl.replication.report.texts import FILE, with_texts
 
     written = with_texts(import_module(f"marsedl.papers.{slug}").PAPER, Path(__file__).parent / slug / FILE)
     return declared(written, input_model(slug), fingerprints_of())

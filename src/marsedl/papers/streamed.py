@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.montecarlo.streaming import OUTCOMES
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 CODE = Axis("code", *map(str, range(OUTCOMES)))
 

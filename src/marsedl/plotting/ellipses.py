@@ -1,4 +1,4 @@
-"""Covariance ellipses and confidence bands."""
+"""Covariance ellipses."""
 
 import numpy as np
 
@@ -13,8 +13,3 @@ def ellipse(mean, covariance, sigma, points: int = 100):
 def probability_inside(sigma):
     """Return the probability that a Gaussian in the plane lies inside its `sigma` ellipse: 1 - exp(-sigma^2 / 2)."""
     return 1.0 - np.exp(-(sigma**2) / 2)
-
-
-def band(axes, x, lower, upper, color, label=None):
-    """Fill the band between two curves."""
-    axes.fill_between(x, lower, upper, color=color, alpha=0.22, linewidth=0, label=label)

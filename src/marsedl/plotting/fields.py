@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from marsedl.replication.artifacts import Axis, Quantity, layout, quantities
 from marsedl.replication.errors import nearest
+from marsedl.replication.records.fields import Axis, Quantity, layout, quantities
 from marsedl.replication.units import PURE, converted
 
 

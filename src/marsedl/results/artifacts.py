@@ -4,10 +4,11 @@ from pathlib import Path
 
 import xarray
 
-from marsedl.replication.artifacts import FORMAT, opened
-from marsedl.replication.catalogue import FLIGHTS
 from marsedl.replication.errors import ArtifactError
-from marsedl.results.builds import CORRECTED, find
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.pipeline.catalogue import FLIGHTS
+from marsedl.replication.records.store import FORMAT, opened
+from marsedl.results.builds import find
 
 
 def artifact(
@@ -32,7 +33,7 @@ def artifact(
         ArtifactError: the file is damaged, or of another version.
 
     """
-    with _lazily(find(build).of_paper(paper).file(stage, reading, case)) as dataset:
+    with _lazily(find(build).artifact(paper, stage, reading, case)) as dataset:
         return dataset.load()
 
 
@@ -49,7 +50,7 @@ def ensemble(paper: str, case: str, reading: str = CORRECTED, build: str | Path 
         build: folder of the build.
 
     """
-    return _lazily(find(build).of_paper(paper).file(FLIGHTS, reading, case))
+    return _lazily(find(build).artifact(paper, FLIGHTS, reading, case))
 
 
 def _lazily(path: Path) -> xarray.Dataset:

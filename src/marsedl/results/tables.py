@@ -4,17 +4,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from marsedl.replication.claims import read_claims
-from marsedl.replication.tables import claims_table
-from marsedl.results.builds import CORRECTED, find, table_file
+from marsedl.replication.claims.rows import claims_table, read_claims
+from marsedl.replication.inputs import CORRECTED
+from marsedl.results.builds import find
 
-# Columns of `verdicts` and the keys of a claim, its margin and its counterexample that they hold.
-_CLAIM = {"claim": "id"} | {
-    name: name for name in ("kind", "where", "quantity", "reading", "verdict", "errata", "withheld", "thin")
-}
-_MARGIN = {name: name for name in ("measure", "value", "limit", "unit", "distance")} | {"distance_in": "in"}
-_COUNTEREXAMPLE = {name: name for name in ("change", "of", "amount", "to")}
-COMPARISON = "comparison"  # of the papers: it stands beside them, and has no readings
+# Columns of `verdicts` that are fields of a claim, of its margin and of its counterexample.
+_CLAIM = ("kind", "where", "quantity", "reading", "verdict", "errata", "withheld", "thin")
+_MARGIN = ("measure", "value", "limit", "unit", "distance", "scale")
+_COUNTEREXAMPLE = ("change", "of", "amount", "to")
 
 
 def claims(build: str | Path | None = None) -> pd.DataFrame:
@@ -53,10 +50,11 @@ def verdicts(build: str | Path | None = None) -> pd.DataFrame:
     """
     rows = []
     for row in read_claims(find(build).folder / "report" / "claims.json"):
-        margin = row["readings"].get(row["reading"], {}).get("margin")
-        parts = ((row, _CLAIM), (margin or {}, _MARGIN), (row.get("counterexample") or {}, _COUNTEREXAMPLE))
-        rows.append({"paper": row["paper"]} | {head: of.get(key) for of, keys in parts for head, key in keys.items()})
-    return pd.DataFrame(rows)
+        parts = ((row, _CLAIM), (row.result.margin, _MARGIN), (row.counterexample, _COUNTEREXAMPLE))
+        cells = {name: getattr(part, name, None) for part, names in parts for name in names}
+        lists = {"errata": list(row.errata), "withheld": list(row.withheld)}
+        rows.append({"paper": row.paper, "claim": row.id} | cells | lists)
+    return pd.DataFrame(rows).rename(columns={"scale": "distance_in"})
 
 
 def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | None = None) -> pd.DataFrame:
@@ -72,8 +70,7 @@ def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | N
         InputError: there is no such paper or table, or it is not built; the message names what exists.
 
     """
-    place = find(build)
-    path = table_file(place, paper, name) if paper == COMPARISON else place.of_paper(paper).table_file(name, reading)
+    path = find(build).table(paper, name, reading)
     frame = pd.read_csv(path)
     gaps = [column for column in frame if frame[column].dtype == float and frame[column].isna().any()]
     if gaps:
@@ -98,7 +95,7 @@ def inputs(paper: str, reading: str = CORRECTED, build: str | Path | None = None
         InputError: there is no such paper or reading; the message names what exists.
 
     """
-    configured = find(build).of_paper(paper).reading(reading)
+    configured = find(build).reading(paper, reading)
     rows = [
         (name, value, configured.inputs.unit(name), configured.sources[name].source, configured.inputs.meaning(name))
         for name, value in configured.inputs.plain().items()

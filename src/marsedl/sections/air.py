@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema, model_validator
 
 from marsedl.models.density_table import physical_table, table_or_file
-from marsedl.replication.sections import ARRAY, Number, Positive, Section, given, vector
+from marsedl.replication.inputs.sections import ARRAY, Number, Positive, Section, given, vector
 
 _ROW = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": "number"}}
 _WRITTEN = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "array", "minItems": 3, "items": _ROW}]}

@@ -1,6 +1,6 @@
 """How many trials fly, from which random numbers."""
 
-from marsedl.replication.sections import Count, Drawn, Section, Seed, given
+from marsedl.replication.inputs.sections import Count, Drawn, Section, Seed, given
 
 
 class Trials(Section):

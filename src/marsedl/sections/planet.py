@@ -1,6 +1,6 @@
 """The planet."""
 
-from marsedl.replication.sections import Positive, Section, given
+from marsedl.replication.inputs.sections import Positive, Section, given
 
 
 class CentralBody(Section):

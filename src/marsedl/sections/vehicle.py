@@ -1,6 +1,6 @@
 """What flies."""
 
-from marsedl.replication.sections import Positive, Section, given
+from marsedl.replication.inputs.sections import Positive, Section, given
 
 
 class EntryVehicle(Section):

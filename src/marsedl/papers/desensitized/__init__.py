@@ -1,6 +1,6 @@
 """Shen, Seywald and Powell: desensitizing the pin-point landing trajectory on Mars."""
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 PAPER = Paper(
     slug="desensitized",

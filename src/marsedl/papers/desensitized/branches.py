@@ -20,7 +20,7 @@ from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulati
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import effort
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 CURVE_POINTS = 12
 FOLD_TOLERANCE = 1e-4  # of the error at a fold; the weight there is known to the square of it

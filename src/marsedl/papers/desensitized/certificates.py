@@ -19,7 +19,7 @@ from marsedl.papers.desensitized.linearization import model, position_columns, p
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Certificates, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, last_finite_row
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 DIFFERENCE = 1e-3  # of the radius error of Table 3, half the distance of differences of flights
 

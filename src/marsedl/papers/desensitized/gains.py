@@ -20,8 +20,8 @@ from marsedl.papers.desensitized.linearization import model, position_columns, p
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import last_finite_row
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
+from marsedl.replication.pipeline.catalogue import stage
 
 TUNING_STREAM, START_STREAM = 1, 2  # of the random numbers, the latter of the first channel; flights use others
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, Strict, model_validator
 
-from marsedl.replication.sections import (
+from marsedl.replication.inputs.sections import (
     ARRAY,
     Few,
     Inputs,

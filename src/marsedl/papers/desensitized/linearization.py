@@ -10,7 +10,7 @@ from marsedl.papers.desensitized import entry_problem, records
 from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
 from marsedl.papers.desensitized.inputs import Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 class Model(NamedTuple):

@@ -14,7 +14,7 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, Setup, attempt
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.units import DEGREE
 
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost

@@ -12,7 +12,7 @@ from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
-from marsedl.replication.catalogue import Flown, Trial, stage
+from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 ERROR_STREAM = 0
 OUTCOMES = {0: "flown to the final time", 1: "below the ground", 3: "not finite"}

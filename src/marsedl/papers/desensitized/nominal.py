@@ -8,8 +8,8 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM, Trajectory
 from marsedl.papers.desensitized.inputs import Mission, Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import Nominal
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

@@ -5,7 +5,7 @@ These types compile nothing and solve nothing: claims, figures and tables read t
 
 import numpy as np
 
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
 GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"

@@ -6,8 +6,8 @@ from marsedl.papers.desensitized import components, entry_problem, environment, 
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Responses
-from marsedl.replication.artifacts import finite
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
+from marsedl.replication.records.fields import finite
 
 
 @stage()

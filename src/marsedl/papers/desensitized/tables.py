@@ -27,8 +27,8 @@ from marsedl.papers.desensitized.records import (
     Tradeoff,
 )
 from marsedl.papers.desensitized.tradeoff import last_finite_row
-from marsedl.replication.catalogue import Artifacts
-from marsedl.replication.tables import Column, table
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.records.tables import Column, table
 from marsedl.replication.units import DEGREE, KM
 
 PAPER = "in the paper"

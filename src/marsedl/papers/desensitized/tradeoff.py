@@ -15,8 +15,8 @@ from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, W
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.pipeline.catalogue import stage
 
 SHORTEST = 5e-3  # share of a step between two weights at which a branch is taken to end
 # Along flat directions of the objective the solver may stop at its second, acceptable level; the artifact says where.

@@ -1,6 +1,6 @@
 """Derollez, Le Cleac'h and Manchester: robust entry vehicle guidance with sampling-based invariant funnels."""
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 PAPER = Paper(
     slug="funnels",

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from marsedl.papers.funnels.records import CAR_STATE, Dubins, FlightEnsemble
-from marsedl.replication.closeups import CloseUp, rounded
+from marsedl.replication.report.closeups import CloseUp, rounded
 from marsedl.replication.units import DEGREE
 
 MOST_FLIGHTS = 30  # each drawn at every so many of its steps:

@@ -9,7 +9,7 @@ from marsedl.papers.funnels.basics import COMPLETE, SPHERES
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Discretization, Gains, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 SOLVER = "SCS"  # of the programs with multipliers: faster than Clarabel
 

@@ -8,7 +8,7 @@ from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import propagate, samples, stage_at
 from marsedl.papers.funnels.records import Discretization, Funnel, Gains, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 EXCESS_TOLERANCE = 1e-5  # of programs whose bounds are compared with others that differ by more than a thousandth
 

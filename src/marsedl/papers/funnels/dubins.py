@@ -21,8 +21,8 @@ from marsedl.papers.funnels.basics import BASIS_DEGREE
 from marsedl.papers.funnels.inputs import Car, Recursion
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Dubins, DubinsStudy
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
+from marsedl.replication.pipeline.catalogue import stage
 
 WIND = 2  # components
 # Funnels: what a stage bounds, and whether there is wind.

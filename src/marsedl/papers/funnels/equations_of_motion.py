@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.inputs import Mission, Planet, Recursion, Vehicle
 from marsedl.papers.funnels.records import EquationsOfMotion
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 RANDOM_STATES = 1000
 STATES = 22  # stream of random numbers, keyed by that of the design

@@ -18,8 +18,8 @@ from marsedl.papers.funnels.environment import Air
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
-from marsedl.replication.artifacts import finite
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
+from marsedl.replication.records.fields import finite
 
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
 # Streams of random numbers, all keyed by that of the design.

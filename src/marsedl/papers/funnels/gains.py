@@ -8,7 +8,7 @@ from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, PlainSerializer, Strict, model_validator
 
-from marsedl.replication.sections import (
+from marsedl.replication.inputs.sections import (
     ARRAY,
     Count,
     Few,

@@ -13,7 +13,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import half_widths
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("corrected",))

@@ -7,7 +7,7 @@ from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.inputs import Guidance, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Linearization, Nominal
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

@@ -12,7 +12,7 @@ from marsedl.montecarlo import ensembles
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.inputs import Car, Ensemble, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
-from marsedl.replication.catalogue import Flown, Trial, stage
+from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 REPEATS = 10
 OUTCOMES = {0: "flown to the end", 3: "not finite"}

@@ -24,8 +24,8 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.environment import STATES
 from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
 from marsedl.papers.funnels.records import Nominal, Optima
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.units import DEGREE
 
 FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted

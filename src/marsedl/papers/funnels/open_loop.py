@@ -7,7 +7,7 @@ from marsedl.papers.funnels import environment, flight
 from marsedl.papers.funnels.basics import OBSERVED
 from marsedl.papers.funnels.inputs import Ensemble, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, Linearization, OpenLoop
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 REPEATS = 10
 COMPLEX_STEP = 1e-30

@@ -9,7 +9,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, half_widths
 from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, Linearization, Proven
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 # Degree of the Taylor models: the square of one of degree 6 has more terms than their rounding allows for.
 MODEL_ORDER = 5

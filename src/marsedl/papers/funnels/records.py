@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 GAIN_UNIT = "rad/m, 1, 1, rad s/m, 1, 1"
 OBSERVED_UNIT = "1, SI, W/m^2"

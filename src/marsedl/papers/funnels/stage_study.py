@@ -17,8 +17,8 @@ from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_I
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
-from marsedl.replication.artifacts import finite
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
+from marsedl.replication.records.fields import finite
 
 # Slice, slice with disturbances of the density, the Dubins car without and with wind, a circle; last, additive
 # disturbances of all states beside those of the density, which are counted only.

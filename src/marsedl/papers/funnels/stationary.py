@@ -10,7 +10,7 @@ from marsedl.papers.funnels.basics import SLICE, SPHERES
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, Stationary
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 DISTURBANCES = 17  # stream of random numbers, keyed by that of the design
 ANGLES, RADII = 36, (0.0, 0.25, 0.5, 0.75)  # where disturbances are compared

@@ -16,8 +16,8 @@ from marsedl.papers.funnels.records import (
     Proven,
     StageStudy,
 )
-from marsedl.replication.catalogue import Artifacts
-from marsedl.replication.tables import Column, table
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.records.tables import Column, table
 from marsedl.replication.units import DEGREE, KM, WATT_PER_CM2
 
 TIMES = 13  # at which levels are tabulated

@@ -1,6 +1,6 @@
 """Ridderhof and Tsiotras: covariance steering for Mars powered descent."""
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 PAPER = Paper(
     slug="powered_descent",

@@ -8,8 +8,8 @@ from marsedl.methods.covariance_steering.forward_integration import LinearMotion
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies
 from marsedl.papers.powered_descent.records import Certificates, Gains, Linearization
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("printed", "corrected"))

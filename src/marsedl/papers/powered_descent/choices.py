@@ -10,8 +10,8 @@ from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import Design, Ensemble, Entry, Mission, Noise, Planet, Studies, Vehicle
 from marsedl.papers.powered_descent.nominal import mass_passes
 from marsedl.papers.powered_descent.records import Choices
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 SIGNS = (1, -1)
 PROFILES = ("converged", "first_pass", "first_pass_without_feedback")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.papers.powered_descent.records import MOTION, FlightEnsemble, Gains
-from marsedl.replication.closeups import CloseUp, rounded
+from marsedl.replication.report.closeups import CloseUp, rounded
 
 MOST_POINTS = 2000
 

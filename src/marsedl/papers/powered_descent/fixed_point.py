@@ -14,7 +14,7 @@ from marsedl.methods.covariance_steering.fixed_point import fixed_point
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies, Vehicle
 from marsedl.papers.powered_descent.records import FixedPointStudy, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 ORDERS = ("gauss_seidel", "jacobi")

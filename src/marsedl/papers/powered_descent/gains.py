@@ -6,7 +6,7 @@ from marsedl.methods.covariance_steering.closed_form import predicted_covariance
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise
 from marsedl.papers.powered_descent.records import Gains, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
-from marsedl.replication.sections import (
+from marsedl.replication.inputs.sections import (
     ARRAY,
     CountOrNone,
     Drawn,

@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Planet
 from marsedl.papers.powered_descent.records import Linearization, Nominal
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

@@ -26,7 +26,7 @@ from marsedl.papers.powered_descent.records import (
     StreamedFlightChunk,
     StreamedFlightEnsemble,
 )
-from marsedl.replication.catalogue import Flown, Trial, stage
+from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 LARGE = "_large"  # ends the name of a case that flies the same trials and more
 

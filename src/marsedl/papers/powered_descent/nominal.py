@@ -6,8 +6,8 @@ from scipy.interpolate import CubicSpline
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Planet, Vehicle
 from marsedl.papers.powered_descent.records import Nominal
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

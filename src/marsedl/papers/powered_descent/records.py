@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.papers import streamed
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
 STATE = Axis("state", **MOTION.units, mass="kg")

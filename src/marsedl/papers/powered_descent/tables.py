@@ -20,8 +20,8 @@ from marsedl.papers.powered_descent.records import (
     Gains,
     Nominal,
 )
-from marsedl.replication.catalogue import Artifacts
-from marsedl.replication.tables import Column, frame, table
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.records.tables import Column, frame, table
 
 NAMES, UNITS = ("r1", "r2", "v1", "v2"), ("m", "m", "m/s", "m/s")
 VARIANCE_ERROR = "largest error of the final variances"

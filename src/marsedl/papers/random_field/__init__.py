@@ -1,6 +1,6 @@
 """Ridderhof and Tsiotras: chance-constrained covariance steering in a Gaussian random field."""
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 PAPER = Paper(
     slug="random_field",

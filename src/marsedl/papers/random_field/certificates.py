@@ -17,8 +17,8 @@ from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, S
 from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.records import Certificates, Linearization, Nominal
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 SAMPLE_STREAM = 4  # of the fields sampled here, apart from those of the flights
 TIMES = 9  # at which the process along the nominal is compared with the field's covariance

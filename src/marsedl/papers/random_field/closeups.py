@@ -2,7 +2,7 @@
 
 from marsedl.papers.random_field.records import Convergence
 from marsedl.plotting.fields import field
-from marsedl.replication.closeups import CloseUp, rounded
+from marsedl.replication.report.closeups import CloseUp, rounded
 from marsedl.replication.units import PURE
 
 

@@ -8,7 +8,7 @@ from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.partition import with_short_end_steps
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
 from marsedl.papers.random_field.variants import design, ensemble, percentiles
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("corrected",))

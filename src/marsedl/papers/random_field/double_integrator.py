@@ -10,8 +10,8 @@ from marsedl.methods.covariance_steering import block_program
 from marsedl.models import random_field
 from marsedl.papers.random_field.inputs import PointMass
 from marsedl.papers.random_field.records import DoubleIntegrator
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 
 def kernel(point_mass: PointMass):

@@ -11,7 +11,7 @@ from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.double_integrator import covariance_root, kernel, normals_and_bounds
 from marsedl.papers.random_field.inputs import PointMass, Simulation
 from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegratorFlights
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("printed", "corrected", "cc_to_4"))

@@ -34,6 +34,7 @@ from marsedl.papers.random_field.records import (
 )
 from marsedl.plotting.curves import (
     OPAQUE,
+    SHADE,
     bounds,
     legend_below,
     legend_entry,
@@ -42,7 +43,6 @@ from marsedl.plotting.curves import (
     plot,
     trials,
 )
-from marsedl.plotting.ellipses import band
 from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
 from marsedl.plotting.forms import covariance_ellipse, distribution, iterations
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
@@ -71,6 +71,7 @@ ERRORS = (
     ("velocity", "velocity", "m/s", "velocity"),
     ("flight_path_angle", "flight_path_angle", "deg", "path angle"),
 )
+BAND = {"color": BLUE, "alpha": SHADE, "linewidth": 0}
 INITIAL_GUESS = {"color": BLACK, "linestyle": "--"}
 TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
 SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all flights"}
@@ -92,7 +93,7 @@ def fig01(simulation: Simulation, drawing: Drawing) -> Figure:
     position, before, after, mean, deviation = line_samples(simulation, drawing)
     one = np.ones_like(position)
     for axes, samples, centre, spread in ((prior, before, 0.0 * one, one), (posterior, after, mean, deviation)):
-        band(axes, position, centre - 2 * spread, centre + 2 * spread, BLUE, label=r"mean $\pm 2 \sigma$")
+        axes.fill_between(position, centre - 2 * spread, centre + 2 * spread, label=r"mean $\pm 2 \sigma$", **BAND)
         axes.plot(position, centre, color=BLACK, linestyle="--", label="mean")
         axes.plot(position, samples.T, color=BLUE, linewidth=0.7, alpha=0.8)
         axes.plot([], [], color=BLUE, linewidth=0.7, label=f"{len(samples)} samples")
@@ -203,7 +204,7 @@ def fig04(simulation: Simulation, point_mass: PointMass, drawing: Drawing) -> Fi
     normal_numbers = _normals(simulation.seed, FORCE_STREAM, np.arange(drawing.drawn_samples), LINE_POINTS)
     samples = random_field.sample(normal_numbers, root)
     deviation = np.sqrt(kernel(position, position))
-    band(axes, position, -2 * deviation, 2 * deviation, BLUE, label=r"$\pm 2 \sigma$")
+    axes.fill_between(position, -2 * deviation, 2 * deviation, label=r"$\pm 2 \sigma$", **BAND)
     axes.plot(position, samples.T, color=BLUE, linewidth=0.8, alpha=0.8)
     axes.plot([], [], color=BLUE, linewidth=0.8, label=f"{len(samples)} samples")
     axes.set(xlabel="position $r$", ylabel=r"force $\Psi(r)$", xlim=position[[0, -1]])

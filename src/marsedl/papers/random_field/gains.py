@@ -26,9 +26,9 @@ from marsedl.papers.random_field.nominal import (
     states_of,
 )
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
-from marsedl.replication.artifacts import quantities
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
+from marsedl.replication.records.fields import quantities
 
 SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta-v enters the cost
 

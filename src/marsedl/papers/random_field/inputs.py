@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.sections import (
+from marsedl.replication.inputs.sections import (
     Count,
     Drawn,
     Inputs,

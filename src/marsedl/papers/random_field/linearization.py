@@ -15,7 +15,7 @@ from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.random_field.nominal import finite_or_nan, partition_used, states_of
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 UNITS = np.array([1e3, 100.0, 0.01])  # m, m/s, rad: every program is posed in these
 

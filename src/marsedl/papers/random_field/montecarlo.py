@@ -24,7 +24,7 @@ from marsedl.papers.random_field.records import (
     Gains,
     Nominal,
 )
-from marsedl.replication.catalogue import Flown, Trial, stage
+from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 CONTROL_BINS = 40
 

@@ -18,8 +18,8 @@ from marsedl.papers.random_field.inputs import (
 )
 from marsedl.papers.random_field.partition import partition_fault, steps_between_outputs
 from marsedl.papers.random_field.records import Nominal
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 CRASHED_APOAPSIS, ESCAPED_APOAPSIS = -1.0, 100.0  # planet radii, what the root finder sees beyond both ends
 

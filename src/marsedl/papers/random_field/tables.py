@@ -20,9 +20,9 @@ from marsedl.papers.random_field.records import (
     Gains,
     Nominal,
 )
-from marsedl.replication.catalogue import Artifacts
-from marsedl.replication.tables import Column, frame, table
-from marsedl.replication.thresholds import CONFIDENCE
+from marsedl.replication.claims.thresholds import CONFIDENCE
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.records.tables import Column, frame, table
 from marsedl.sections.air import MeanDensity
 
 PAPER = "in the paper"

@@ -9,8 +9,8 @@ from marsedl.papers.random_field.inputs import Guidance
 from marsedl.papers.random_field.linearization import motion_of, of_guess
 from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.records import FlightEnsemble, Gains, Nominal
-from marsedl.replication.catalogue import Flown
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import Flown
 
 
 def design(flights: Flights, guidance: Guidance, nominal: Nominal) -> Gains:

@@ -1,6 +1,6 @@
 """Ridderhof, Tsiotras and Johnson: stochastic entry guidance."""
 
-from marsedl.replication.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper
 
 PAPER = Paper(
     slug="stochastic_entry",

@@ -19,8 +19,8 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 PERTURBATION = 0.05  # relative, of the gains
 

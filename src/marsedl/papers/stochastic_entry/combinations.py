@@ -28,8 +28,8 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
 )
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 FORMS = ("five_state", "drag", "density_blind")
 SIGNS = {"opposite": -1.0, "same": 1.0, "none": 0.0}  # of the drag error, where the lift error is positive

@@ -17,7 +17,7 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
 )
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 SOURCES = ("velocity", "flight path angle", "azimuth", "downrange", "crossrange", "density", "aerodynamics", "all")
 _COMPONENTS = {

@@ -28,8 +28,8 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 # Radius, velocity, path angle, downrange, density: sizes of their deviations, for well-scaled linear algebra.
 STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from marsedl.replication.sections import (
+from marsedl.replication.inputs.sections import (
     Count,
     Drawn,
     Fraction,

@@ -12,7 +12,7 @@ from marsedl.papers.stochastic_entry import dispersions, environment
 from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
 from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nominal
-from marsedl.replication.catalogue import stage
+from marsedl.replication.pipeline.catalogue import stage
 
 
 def system(linearization) -> DiscreteSystem:

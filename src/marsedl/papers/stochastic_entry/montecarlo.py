@@ -23,7 +23,7 @@ from marsedl.papers.stochastic_entry.records import (
     StreamedFlightChunk,
     StreamedFlightEnsemble,
 )
-from marsedl.replication.catalogue import Flown, Trial, stage
+from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 BANK_BINS = 72
 

@@ -20,8 +20,8 @@ from marsedl.papers.stochastic_entry.records import (
     VELOCITY,
     Nominal,
 )
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()

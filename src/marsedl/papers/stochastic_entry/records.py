@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.papers import streamed
-from marsedl.replication.artifacts import Axis, quantity, record
+from marsedl.replication.records.fields import Axis, quantity, record
 
 TRIGGERS = ("time", "velocity")
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")  # law and trigger

@@ -54,10 +54,10 @@ from marsedl.papers.stochastic_entry.records import (
     by_case,
     errors,
 )
-from marsedl.replication.catalogue import Artifacts
-from marsedl.replication.claims import Evaluation, judge
-from marsedl.replication.tables import Column, table
-from marsedl.replication.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.verdicts import Evaluation, judge
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.records.tables import Column, table
 
 PAPER = "in the paper"
 RANGE = "of the final range error, from the 1st to the 99th percentile"
@@ -188,7 +188,7 @@ def tab04(
                         spread,
                         value,
                         error,
-                        z and z["largest"],
+                        z and z.largest,
                         finite_count(ensemble),
                     )
                 )

@@ -6,8 +6,8 @@ from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, nois
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.inputs import Design, Guidance, refuse_partial_periods
 from marsedl.papers.stochastic_entry.records import TRIGGERS, Linearization, Tradeoff
-from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import stage
 
 TIME = TRIGGERS.index("time")
 

@@ -17,8 +17,8 @@ from marsedl.papers.desensitized.records import (
     Tradeoff,
 )
 from marsedl.papers.desensitized.tradeoff import has_row
-from marsedl.replication.claiming import Evaluation, Fails, Test, holds, measure, provided
-from marsedl.replication.thresholds import MOST, ROUNDING
+from marsedl.replication.claims.thresholds import MOST, ROUNDING
+from marsedl.replication.claims.writing import Evaluation, Fails, Test, holds, measure, provided
 from marsedl.replication.units import DEGREE
 
 PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)

@@ -6,9 +6,9 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.claims.measures import BRANCH, Rows, printed_rows
 from marsedl.papers.desensitized.inputs import Vehicle
 from marsedl.papers.desensitized.records import MinimumFuel
-from marsedl.replication.claiming import claim, holds, listed, measure
-from marsedl.replication.counterexamples import scaled, shifted
-from marsedl.replication.thresholds import ABOUT, NEARLY_EXACT, ROUNDING, SIMILAR
+from marsedl.replication.claims.counterexamples import scaled, shifted
+from marsedl.replication.claims.thresholds import ABOUT, NEARLY_EXACT, ROUNDING, SIMILAR
+from marsedl.replication.claims.writing import claim, holds, listed, measure
 from marsedl.replication.units import DEGREE
 
 ENERGY, FUEL, ENERGY_BESIDE = range(3)  # solutions of the study of least fuel

@@ -17,9 +17,9 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.inputs import Planet
 from marsedl.papers.desensitized.records import Gains, Responses
-from marsedl.replication.claiming import check, claim, holds, measure, measured
-from marsedl.replication.counterexamples import scaled, shifted
-from marsedl.replication.thresholds import MOST, MUCH, ROUNDING, SIMILAR, VISIBLE
+from marsedl.replication.claims.counterexamples import scaled, shifted
+from marsedl.replication.claims.thresholds import MOST, MUCH, ROUNDING, SIMILAR, VISIBLE
+from marsedl.replication.claims.writing import check, claim, holds, measure, measured
 from marsedl.replication.units import DEGREE
 
 LAW = LAW_OF[RADIUS]

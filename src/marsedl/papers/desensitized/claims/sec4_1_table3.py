@@ -6,10 +6,10 @@ from marsedl.papers.desensitized.claims.measures import BRANCH, ENDS, PLANET, SC
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
 from marsedl.papers.desensitized.inputs import Mission, Studies
 from marsedl.papers.desensitized.records import Branches, Certificates
-from marsedl.replication.claiming import Fails, claim, holds, listed, measure, measured
-from marsedl.replication.claims import Close
-from marsedl.replication.counterexamples import replaced, scaled
-from marsedl.replication.thresholds import MOST, VISIBLE
+from marsedl.replication.claims.counterexamples import replaced, scaled
+from marsedl.replication.claims.thresholds import MOST, VISIBLE
+from marsedl.replication.claims.verdicts import Close
+from marsedl.replication.claims.writing import Fails, claim, holds, listed, measure, measured
 from marsedl.replication.units import DEGREE
 
 SATISFACTORY = 1.0  # m/m: an error at entry that does not grow

@@ -18,9 +18,9 @@ from marsedl.papers.desensitized.entry_problem import BANK, STATES, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Planet
 from marsedl.papers.desensitized.linearization import position_columns, position_rows, transitions
 from marsedl.papers.desensitized.records import Certificates, Gains, Linearization, Responses
-from marsedl.replication.claiming import claim, holds, listed, measure, measured
-from marsedl.replication.counterexamples import replaced, scaled, shifted
-from marsedl.replication.thresholds import MUCH, ROUNDING, VISIBLE
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import MUCH, ROUNDING, VISIBLE
+from marsedl.replication.claims.writing import claim, holds, listed, measure, measured
 
 EXACT = 1e-9  # of an identity between sensitivities of order one
 LONGITUDE = STATES.index("longitude")

@@ -20,9 +20,9 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.inputs import Mission
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Nominal, Responses
-from marsedl.replication.claiming import claim, holds, measure, measured, provided
-from marsedl.replication.counterexamples import replaced, scaled, shifted
-from marsedl.replication.thresholds import MUCH, NEGLIGIBLE
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import MUCH, NEGLIGIBLE
+from marsedl.replication.claims.writing import claim, holds, measure, measured, provided
 from marsedl.replication.units import DEGREE
 
 LAW = LAW_OF[CROSSRANGE]

@@ -19,9 +19,9 @@ from marsedl.papers.desensitized.claims.measures import (
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.inputs import Planet
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Linearization, Responses
-from marsedl.replication.claiming import claim, holds, measure, measured
-from marsedl.replication.counterexamples import replaced, scaled, shifted
-from marsedl.replication.thresholds import MUCH, ROUNDING
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import MUCH, ROUNDING
+from marsedl.replication.claims.writing import claim, holds, measure, measured
 
 CROSSRANGE_LAW, DOWNRANGE_LAW = LAW_OF[CROSSRANGE], LAW_OF[DOWNRANGE]
 

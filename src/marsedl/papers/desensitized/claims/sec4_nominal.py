@@ -2,8 +2,8 @@
 
 from marsedl.papers.desensitized.inputs import Solver, Vehicle
 from marsedl.papers.desensitized.records import Nominal
-from marsedl.replication.claiming import claim, holds, listed, measure, measured
-from marsedl.replication.thresholds import ROUNDING
+from marsedl.replication.claims.thresholds import ROUNDING
+from marsedl.replication.claims.writing import claim, holds, listed, measure, measured
 from marsedl.replication.units import DEGREE
 
 

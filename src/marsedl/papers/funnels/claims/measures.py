@@ -8,8 +8,8 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, LEVEL, SPHERES
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion
 from marsedl.papers.funnels.records import CoarseFunnels, FlightEnsemble, Funnel, StageStudy
-from marsedl.replication.claiming import Test, check, provided
-from marsedl.replication.thresholds import ROUNDING
+from marsedl.replication.claims.thresholds import ROUNDING
+from marsedl.replication.claims.writing import Test, check, provided
 
 
 def complete(funnel: Funnel) -> Test:

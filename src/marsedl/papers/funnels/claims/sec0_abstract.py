@@ -6,9 +6,9 @@ from marsedl.papers.funnels.basics import HEAT_RATE
 from marsedl.papers.funnels.claims.measures import complete, flown_levels, largest, largest_error, over_flown
 from marsedl.papers.funnels.inputs import Mission, Planet
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, OpenLoop, Proven
-from marsedl.replication.claiming import check, claim, holds, measure
-from marsedl.replication.counterexamples import scaled
-from marsedl.replication.thresholds import SIMILAR
+from marsedl.replication.claims.counterexamples import scaled
+from marsedl.replication.claims.thresholds import SIMILAR
+from marsedl.replication.claims.writing import check, claim, holds, measure
 from marsedl.replication.units import KM, WATT_PER_CM2
 
 REPEATS = 10  # parts of the flights, for the sampling error of their largest

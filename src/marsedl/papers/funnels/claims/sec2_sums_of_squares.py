@@ -6,9 +6,9 @@ from marsedl.papers.funnels.basics import BASIS_DEGREE, SPHERES
 from marsedl.papers.funnels.claims.measures import largest
 from marsedl.papers.funnels.inputs import Recursion
 from marsedl.papers.funnels.records import Dubins, FlightEnsemble, Funnel
-from marsedl.replication.claiming import Fails, check, claim, holds, measure
-from marsedl.replication.counterexamples import replaced
-from marsedl.replication.thresholds import CLOSE
+from marsedl.replication.claims.counterexamples import replaced
+from marsedl.replication.claims.thresholds import CLOSE
+from marsedl.replication.claims.writing import Fails, check, claim, holds, measure
 
 
 @claim(errata="E12")

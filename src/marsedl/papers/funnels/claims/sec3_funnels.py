@@ -16,9 +16,9 @@ from marsedl.papers.funnels.records import (
     StageStudy,
     Stationary,
 )
-from marsedl.replication.claiming import check, claim, holds, measure
-from marsedl.replication.counterexamples import replaced, scaled, shifted
-from marsedl.replication.thresholds import MOST, ROUNDING
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import MOST, ROUNDING
+from marsedl.replication.claims.writing import check, claim, holds, measure
 
 SAME_OPTIMUM = 1e-5  # relative difference between bounds of one program by different solvers and forms
 ROUND_TRIP = 1e-3  # relative; backwards and forwards again

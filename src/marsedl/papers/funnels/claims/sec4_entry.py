@@ -25,9 +25,9 @@ from marsedl.papers.funnels.records import (
     Optima,
     StageStudy,
 )
-from marsedl.replication.claiming import check, claim, holds, measure, measured
-from marsedl.replication.counterexamples import in_reading, replaced, scaled, shifted
-from marsedl.replication.thresholds import ROUNDING
+from marsedl.replication.claims.counterexamples import in_reading, replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import ROUNDING
+from marsedl.replication.claims.writing import check, claim, holds, measure, measured
 from marsedl.replication.units import DEGREE, WATT_PER_CM2
 
 

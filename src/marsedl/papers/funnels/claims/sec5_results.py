@@ -7,10 +7,10 @@ from marsedl.papers.funnels.basics import SPHERES
 from marsedl.papers.funnels.claims.measures import complete, on_slices, over_flown, peaks
 from marsedl.papers.funnels.inputs import Planet, Recursion, Vehicle
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, Linearization
-from marsedl.replication.claiming import check, claim, holds, measure
-from marsedl.replication.claiming import measured as result
-from marsedl.replication.counterexamples import in_reading, replaced, scaled
-from marsedl.replication.thresholds import MUCH, ROUNDING
+from marsedl.replication.claims.counterexamples import in_reading, replaced, scaled
+from marsedl.replication.claims.thresholds import MUCH, ROUNDING
+from marsedl.replication.claims.writing import check, claim, holds, measure
+from marsedl.replication.claims.writing import measured as result
 from marsedl.replication.units import DEGREE
 
 STANDARD_GRAVITY = 9.80665  # m/s^2

@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.montecarlo.streaming import FinalMoments
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import Choices, FlightEnsemble
-from marsedl.replication.claiming import Largest
+from marsedl.replication.pipeline.injection import Largest
 
 MOTION_PART, MASS = slice(4), 4  # components of the final state
 UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))

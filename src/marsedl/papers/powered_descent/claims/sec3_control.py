@@ -4,9 +4,9 @@ import numpy as np
 
 from marsedl.papers.powered_descent.inputs import Studies
 from marsedl.papers.powered_descent.records import Certificates, FixedPointStudy, Gains
-from marsedl.replication.claiming import check, claim, holds, measure
-from marsedl.replication.counterexamples import replaced, scaled
-from marsedl.replication.thresholds import ROUNDING
+from marsedl.replication.claims.counterexamples import replaced, scaled
+from marsedl.replication.claims.thresholds import ROUNDING
+from marsedl.replication.claims.writing import check, claim, holds, measure
 
 
 @claim(counterexample=scaled("certificates.mean_cost_ratio"))

@@ -6,9 +6,10 @@ from marsedl.montecarlo.streaming import FinalMoments
 from marsedl.papers.powered_descent.claims.measures import MOTION_PART, freedom
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import FlightEnsemble, Nominal
-from marsedl.replication.claiming import Largest, claim, holds, measure
-from marsedl.replication.counterexamples import spread
-from marsedl.replication.thresholds import ABOUT
+from marsedl.replication.claims.counterexamples import spread
+from marsedl.replication.claims.thresholds import ABOUT
+from marsedl.replication.claims.writing import claim, holds, measure
+from marsedl.replication.pipeline.injection import Largest
 
 
 @claim(by_construction="a mass iteration that does not converge is an error of its stage")

@@ -30,10 +30,11 @@ from marsedl.papers.powered_descent.records import (
     Nominal,
 )
 from marsedl.plotting.ellipses import probability_inside
-from marsedl.replication.claiming import Largest, claim, holds, measure, measured
-from marsedl.replication.claims import Evaluation
-from marsedl.replication.counterexamples import scaled, shifted, spread
-from marsedl.replication.thresholds import ABOUT, CLOSE, MOST, MUCH, NEARLY_EXACT, SIGMAS, SMALL
+from marsedl.replication.claims.counterexamples import scaled, shifted, spread
+from marsedl.replication.claims.thresholds import ABOUT, CLOSE, MOST, MUCH, NEARLY_EXACT, SIGMAS, SMALL
+from marsedl.replication.claims.verdicts import Evaluation
+from marsedl.replication.claims.writing import claim, holds, measure, measured
+from marsedl.replication.pipeline.injection import Largest
 
 DIAGONAL = np.diag_indices(4)
 

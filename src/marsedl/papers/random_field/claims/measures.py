@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.papers.random_field.components import BANK_COSINE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
 from marsedl.papers.random_field.records import CAPTURED, OUTCOMES, FlightEnsemble, Gains
-from marsedl.replication.claiming import Evaluation, Fails, Test, holds, provided
+from marsedl.replication.claims.writing import Evaluation, Fails, Test, holds, provided
 
 OPEN = 0  # the law without control; the last one is that of the last iteration
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from marsedl.models import random_field
 from marsedl.papers.random_field.inputs import Drawing
-from marsedl.replication.claiming import claim, holds, measure
-from marsedl.replication.thresholds import SIGMAS
+from marsedl.replication.claims.thresholds import SIGMAS
+from marsedl.replication.claims.writing import claim, holds, measure
 
 NEAR = 0.25  # of the field's deviation: samples pass near a value
 CONSTANT = 0.01  # of the field's deviation: an edge is constant

@@ -1,9 +1,9 @@
 """Secs. III and IV: the steering problem and its convex program."""
 
 from marsedl.papers.random_field.records import Certificates
-from marsedl.replication.claiming import claim, holds, measure
-from marsedl.replication.counterexamples import scaled, shifted
-from marsedl.replication.thresholds import ROUNDING, VISIBLE, WEAK
+from marsedl.replication.claims.counterexamples import scaled, shifted
+from marsedl.replication.claims.thresholds import ROUNDING, VISIBLE, WEAK
+from marsedl.replication.claims.writing import claim, holds, measure
 
 EXACT = 1e-9  # of an identity between matrices whose entries are of order one to hundred
 SAME_OPTIMUM = 1e-6  # relative, of the costs that two solvers or two formulations find

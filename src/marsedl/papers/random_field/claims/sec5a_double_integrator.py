@@ -7,9 +7,9 @@ from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field.double_integrator import ellipse_radius, normals_and_bounds, tail
 from marsedl.papers.random_field.inputs import PointMass
 from marsedl.papers.random_field.records import CLOSED, DoubleIntegrator, DoubleIntegratorFlights
-from marsedl.replication.claiming import claim, holds, measure, measured
-from marsedl.replication.counterexamples import replaced, scaled, shifted
-from marsedl.replication.thresholds import CONFIDENCE
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
+from marsedl.replication.claims.thresholds import CONFIDENCE
+from marsedl.replication.claims.writing import claim, holds, measure, measured
 
 # ---- inputs ----------------------------------------------------------------------------------------------------------
 

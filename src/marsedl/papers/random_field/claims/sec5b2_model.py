@@ -9,9 +9,9 @@ from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.flight_statistics import LEVEL
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Studies, Vehicle
 from marsedl.papers.random_field.records import LOW_ALTITUDE, VARIANTS, Convergence, Gains, Nominal
-from marsedl.replication.claiming import claim, holds, listed, measure, measured
-from marsedl.replication.counterexamples import replaced, shifted, spread
-from marsedl.replication.thresholds import CLOSE, NEGLIGIBLE, ROUNDING
+from marsedl.replication.claims.counterexamples import replaced, shifted, spread
+from marsedl.replication.claims.thresholds import CLOSE, NEGLIGIBLE, ROUNDING
+from marsedl.replication.claims.writing import claim, holds, listed, measure, measured
 
 STATED_TAIL = 0.1  # p_f of the sentence behind Eq. 76, whatever the reading takes
 COMPARED_ALTITUDES = np.array([60e3, 80e3, 100e3, 120e3])  # m, at which E1 compares the deviation with Mars-GRAM 2010

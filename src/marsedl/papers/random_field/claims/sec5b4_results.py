@@ -22,18 +22,9 @@ from marsedl.papers.random_field.records import (
     CAPTURED,
     Nominal,
 )
-from marsedl.replication.claiming import claim, listed, measure, measured
-from marsedl.replication.counterexamples import in_reading, scaled, shifted
-from marsedl.replication.thresholds import (
-    CLOSE,
-    CONFIDENCE,
-    MUCH,
-    NEGLIGIBLE,
-    SIGMAS,
-    SIMILAR,
-    SMALL,
-    VISIBLE,
-)
+from marsedl.replication.claims.counterexamples import in_reading, scaled, shifted
+from marsedl.replication.claims.thresholds import CLOSE, CONFIDENCE, MUCH, NEGLIGIBLE, SIGMAS, SIMILAR, SMALL, VISIBLE
+from marsedl.replication.claims.writing import claim, listed, measure, measured
 
 WIDE = 0.01  # of the largest deviation of a state: where it is less, a ratio of deviations says nothing of the flight
 

@@ -23,9 +23,9 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     errors,
 )
-from marsedl.replication.claiming import Fails
-from marsedl.replication.claims import Evaluation, judge
-from marsedl.replication.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.verdicts import Evaluation, judge
+from marsedl.replication.claims.writing import Fails
 
 LAWS = ("apollo", "stochastic")
 LAW_NAMES = {"apollo": "Apollo", "stochastic": "stochastic"}

@@ -7,10 +7,10 @@ from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, DENSITY, LAWS, VARIANCE, Dispersions, Flights
 from marsedl.papers.stochastic_entry.inputs import Air, Planet
 from marsedl.papers.stochastic_entry.records import FLIGHT_PATH_ANGLE, Linearization, Nominal
-from marsedl.replication.claiming import Fails, claim, holds, listed, measure, measured
-from marsedl.replication.claims import Evaluation
-from marsedl.replication.counterexamples import scaled
-from marsedl.replication.thresholds import CLOSE, SIMILAR
+from marsedl.replication.claims.counterexamples import scaled
+from marsedl.replication.claims.thresholds import CLOSE, SIMILAR
+from marsedl.replication.claims.verdicts import Evaluation
+from marsedl.replication.claims.writing import Fails, claim, holds, listed, measure, measured
 
 DENSITY_SIGMAS = 2.0  # at which Figs. 2 and 4 draw their limits
 SINK_RATE = 0.05  # of the exponent 1/2

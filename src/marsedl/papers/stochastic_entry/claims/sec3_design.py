@@ -15,9 +15,9 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
-from marsedl.replication.claiming import Fails, claim, holds, measure, measured
-from marsedl.replication.counterexamples import scaled, shifted
-from marsedl.replication.thresholds import NEARLY_EXACT, NEGLIGIBLE, ROUNDING
+from marsedl.replication.claims.counterexamples import scaled, shifted
+from marsedl.replication.claims.thresholds import NEARLY_EXACT, NEGLIGIBLE, ROUNDING
+from marsedl.replication.claims.writing import Fails, claim, holds, measure, measured
 
 
 @claim(by_construction="both the trials and the linear model draw the density from this variance")

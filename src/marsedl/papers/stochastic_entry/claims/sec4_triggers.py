@@ -20,9 +20,9 @@ from marsedl.papers.stochastic_entry.records import (
     Nominal,
     errors,
 )
-from marsedl.replication.claiming import Fails, claim, holds, measure
-from marsedl.replication.counterexamples import shifted, spread
-from marsedl.replication.thresholds import ABOUT, CLOSE
+from marsedl.replication.claims.counterexamples import shifted, spread
+from marsedl.replication.claims.thresholds import ABOUT, CLOSE
+from marsedl.replication.claims.writing import Fails, claim, holds, measure
 
 AT_TRIGGER = [ALTITUDE, FLIGHT_PATH_ANGLE, DOWNRANGE]  # what is compared there; the trigger fixes the velocity
 ALL_FLYING = 0.999  # share of the trials that must fly where flights are carried on by the linear model

@@ -17,9 +17,9 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
 )
-from marsedl.replication.claiming import Fails, claim, holds, measure, measured
-from marsedl.replication.claims import Evaluation
-from marsedl.replication.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.verdicts import Evaluation
+from marsedl.replication.claims.writing import Fails, claim, holds, measure, measured
 
 UNLIKELY = 0.0027  # probability beyond three standard errors
 

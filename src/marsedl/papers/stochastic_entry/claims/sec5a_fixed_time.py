@@ -34,10 +34,10 @@ from marsedl.papers.stochastic_entry.records import (
     Nominal,
     Tradeoff,
 )
-from marsedl.replication.claiming import Fails, check, claim, holds, measure, measured
-from marsedl.replication.claims import Close
-from marsedl.replication.counterexamples import blended, in_reading, scaled, shifted, spread
-from marsedl.replication.thresholds import CLOSE, MOST, NEGLIGIBLE, ROUNDING, SIGMAS, SIMILAR, VISIBLE
+from marsedl.replication.claims.counterexamples import blended, in_reading, scaled, shifted, spread
+from marsedl.replication.claims.thresholds import CLOSE, MOST, NEGLIGIBLE, ROUNDING, SIGMAS, SIMILAR, VISIBLE
+from marsedl.replication.claims.verdicts import Close
+from marsedl.replication.claims.writing import Fails, check, claim, holds, measure, measured
 
 SILENT_TIME = 15.0  # s, "immediately" after entry
 HALF_PEAK = 0.5  # of the dynamic pressure: while it is higher, its "increase" has taken place

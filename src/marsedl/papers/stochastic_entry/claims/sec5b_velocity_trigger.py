@@ -42,10 +42,10 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
-from marsedl.replication.claiming import Fails, claim, holds, measure, measured
-from marsedl.replication.claims import Close, Evaluation, judge
-from marsedl.replication.counterexamples import in_reading, scaled, shifted, spread
-from marsedl.replication.thresholds import ROUNDING, STRONG, VISIBLE, WEAK
+from marsedl.replication.claims.counterexamples import in_reading, scaled, shifted, spread
+from marsedl.replication.claims.thresholds import ROUNDING, STRONG, VISIBLE, WEAK
+from marsedl.replication.claims.verdicts import Close, Evaluation, judge
+from marsedl.replication.claims.writing import Fails, claim, holds, measure, measured
 
 
 @claim()

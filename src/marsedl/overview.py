@@ -1,0 +1,207 @@
+"""What a paper has, and what its figures, tables, stages and claims depend on, as text for a terminal.
+
+A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers that its texts quote.
+"""
+
+import re
+from collections.abc import Iterator
+
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.pipeline.catalogue import FLIGHTS, entry_of
+from marsedl.replication.terminal import columns
+
+KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
+MADE_BY = {  # what Snakemake is asked for to make an item of a kind
+    "figures": "figures/{paper}/NAME.png, or figures/{paper}/READING/NAME.png",
+    "tables": "figures/{paper}/NAME.csv, or .md; READING as for figures",
+    "stages": "data/cache/{paper}/READING/NAME.h5",
+    "cases": "data/cache/{paper}/READING/montecarlo.NAME.h5",
+    "claims": "claims",
+}
+
+
+def heading(paper) -> str:
+    """Return the name, title and authors of a paper."""
+    return f"{paper.slug}\n  {paper.title}\n  {paper.authors}"
+
+
+def counts(items: dict) -> str:
+    """Return the number of items of each kind, such as "7 figures, 1 table"."""
+    return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
+
+
+def items(project, paper) -> dict[str, list[tuple[str, ...]]]:
+    """Return what a paper has of each kind: a row for each item, its name first."""
+    readings = project.studies[paper.slug].readings
+    inputs = (readings.get(CORRECTED) or next(iter(readings.values()))).inputs
+    verdicts = {name: claim.verdict for name, claim in (project.verdicts(paper.slug) or {}).items()}
+    summaries = {**paper.summaries, "claims": "Every printed claim with its verdict."}
+    beyond = [(stem, f"{_first_sentence(caption)} (all readings)") for stem, caption in summaries.items()]
+    return {
+        "readings": [
+            (name, reading.summary + (f" (based on {reading.based_on})" if reading.based_on else ""))
+            for name, reading in readings.items()
+        ],
+        "figures": [(stem, _first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
+        "tables": [(stem, _first_sentence(table.caption)) for stem, table in paper.tables.items()] + beyond,
+        "stages": [(name, stage.meaning) for name, stage in paper.stages.items()],
+        "cases": [
+            (case, f"{inputs.get(name):,} trials", f"input {name}: {inputs.meaning(name)}")
+            for case, name in inputs.CASES.items()
+        ],
+        "claims": [
+            (claim.id, verdicts.get(claim.id) or "–", claim.where, claim.quantity)
+            for claim in project.published(paper.slug)
+        ],
+    }
+
+
+def _first_sentence(caption) -> str:
+    """Without its full stop; that of "Fig. 9" ends no sentence."""
+    return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")
+
+
+def listed(project, paper, kinds) -> Iterator[str]:
+    """Yield what a paper has of some kinds, or of all, with the commands that make it."""
+    rows = items(project, paper)
+    yield paper.slug if kinds else heading(paper)
+    add = f"; add{project.options}" if project.options else ""
+    for kind in kinds or KINDS:
+        command = f" (snakemake {MADE_BY[kind].format(paper=paper.slug)}{add})" if kind in MADE_BY else ""
+        yield f"\n  {kind}{command}"
+        if rows[kind]:
+            yield columns(rows[kind], 4, wrap=False)
+    yield ""
+
+
+def explained_paper(project, paper, reading) -> Iterator[str]:
+    """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
+    from marsedl.replication.claims.rows import summary
+
+    there, verdicts = items(project, paper), project.verdicts(paper.slug)
+    yield f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}"
+    yield f"\nreadings\n{columns(there['readings'], 2)}"
+    yield f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}"
+    yield columns(_differing(project.studies[paper.slug].readings, reading), 2)
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {counts(there)}"
+    yield "\nverdicts"
+    if not verdicts:
+        yield f"  none yet: run 'snakemake claims{project.options}'"
+        return
+    for how, numbers in summary(verdicts.values()).items():
+        counted = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
+        yield f"  {how}: {', '.join(counted) or 'none'}"
+
+
+def _differing(readings, reading) -> list[tuple[str, str, str, str]]:
+    """Inputs whose value differs between readings: name, value in this one, unit, values in the others."""
+    rows, values = [], {name: other.inputs.plain() for name, other in readings.items()}
+    for name, value in values[reading.name].items():
+        others = [other for other in readings.values() if values[other.name][name] != value]
+        if others:
+            source = reading.sources[name]
+            texts = "; ".join(f"{other.name} {other.sources[name].written}" for other in others)
+            key = f"{name.partition('.')[0]}.{source.key}"
+            rows.append((key, str(source.written), _unit(reading, name), texts))
+    return rows
+
+
+def _unit(reading, name) -> str:
+    """The unit in which an input "section.name" is written."""
+    suffix = reading.sources[name].key.removeprefix(name.partition(".")[2]).removeprefix("_")
+    return suffix.replace("_", "/") or reading.inputs.unit(name)
+
+
+def explained_claim(project, claim) -> Iterator[str]:
+    """Yield what is printed of a claim, and the verdict on it."""
+    from marsedl.replication.claims.numbers import format_result
+
+    unit = "" if claim.unit == "1" else f" {claim.unit}"
+    printed = "a statement" if isinstance(claim.printed, bool) else f"printed {claim.printed}{unit}"
+    yield f"claim {claim.id}: {claim.quantity}\n  {claim.where}; {printed} ({claim.kind})"
+    verdict = (project.verdicts(claim.paper) or {}).get(claim.id)
+    if verdict is None:
+        yield f"  no verdict yet: run 'snakemake claims{project.options}'"
+        return
+    yield f"  verdict: {verdict.verdict} (reading {verdict.reading})"
+    if verdict.reason:
+        yield f"  {verdict.reason}"
+    results = [
+        (name, result.verdict or "–", ", ".join(format_result(verdict, name)), result.evidence)
+        for name, result in verdict.readings.items()
+    ]
+    yield columns(results, 4)
+
+
+def explained_item(project, paper, reading, full, name, kinds) -> Iterator[str]:
+    """Yield the artifacts, inputs and code behind a figure, table or stage.
+
+    Args:
+        project: the project.
+        paper: the catalogue.
+        reading: the reading whose inputs are shown.
+        full: the inputs of this reading at full size, which limits none of them.
+        name: of the item.
+        kinds: "figures", "tables", "stages": what has this name; the first is explained.
+
+    """
+    from marsedl.replication.pipeline.fingerprints import fingerprints_of
+
+    of = f"{name} of {paper.slug}, reading {reading.name}"
+    if kinds[0] == "stages":
+        item, own = paper.stages[name], [name]
+        entries = item.entries
+        if name == FLIGHTS:  # of which every case is one artifact
+            own = [f"{FLIGHTS}.{case}" for case in reading.trial_counts()]
+        yield f"stage {of}: {item.meaning}"
+    else:
+        item, own = paper.product(name), []
+        entries = (entry_of(paper.slug, kinds[0], name),)
+        place = f"{paper.slug}/" if reading.name == CORRECTED else f"{paper.slug}/{reading.name}/"
+        suffix = "png" if kinds[0] == "figures" else "csv"
+        yield f"{kinds[0][:-1]} {of}\n  {item.caption}\n  snakemake figures/{place}{name}.{suffix}{project.options}"
+    if kinds[1:]:
+        yield f"  (also the name of a {' and a '.join(other[:-1] for other in kinds[1:])})"
+    artifacts = [*_behind(paper, (*item.needs, *getattr(item, "optional", ()))), *own]
+    stages = [paper.stages[artifact.partition(".")[0]] for artifact in artifacts]
+    trials = {reading.inputs.CASES[case] for artifact in artifacts if (case := artifact.partition(".")[2])}
+    names = trials.union(item.inputs, *(stage.inputs for stage in stages))
+    yield "\nartifacts, in the order in which they are made"
+    yield columns(_artifacts(project, paper, reading, artifacts), 2)
+    yield "\ninputs that it depends on"
+    values, unlimited = reading.inputs.plain(), full.plain()
+    for section, of_section in reading.inputs.sections().items():
+        rows = []
+        for key in (key for key in (f"{section}.{field}" for field in of_section.model_fields) if key in names):
+            source = reading.sources[key]
+            limited = "" if values[key] == unlimited[key] else f" (size {project.size}: {values[key]})"
+            rows.append((source.key, f"{source.written}{limited}", _unit(reading, key), source.source))
+        if rows:
+            yield f"  {section}\n{columns(rows, 4)}"
+    sources = fingerprints_of(project.root)
+    yield "\ncode that draws or computes it"
+    for symbol in dict.fromkeys(symbol for entry in entries for symbol in sources.symbols(entry)):
+        if "(at import)" not in symbol:
+            yield f"  {symbol}"
+
+
+def _behind(paper, needs) -> list[str]:
+    """Artifacts with all that they are made from, in the order in which they are made."""
+    found = {}
+    for need in needs:
+        found |= dict.fromkeys([*_behind(paper, paper.stages[need.partition(".")[0]].needs), need])
+    return [*found]
+
+
+def _artifacts(project, paper, reading, names) -> list[tuple[str, str]]:
+    """The name and meaning of artifacts, and the reading that owns the file if it is another one."""
+    from marsedl.replication.pipeline.sharing import Shared
+
+    rows, shared = [], Shared(paper, project.studies[paper.slug])
+    for name in names:
+        note = " (has no trials in this reading)"
+        if shared.has(reading.name, name):
+            owner = shared.owner(reading.name, name)
+            note = "" if owner == reading.name else f" (shared: that of the reading {owner})"
+        rows.append((name, paper.stages[name.partition(".")[0]].meaning + note))
+    return rows

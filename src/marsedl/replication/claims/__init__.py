@@ -1,0 +1,1 @@
+"""What papers print, what we find, and the verdicts computed from both."""

@@ -1,0 +1,230 @@
+"""One claim from its evaluation to the page: the type of `collect`, of `report/claims.json` and of its JSON Schema."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+
+from marsedl.replication.claims.thresholds import THIN
+from marsedl.replication.sizes import FULL
+
+REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
+COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
+NUMBER_VERDICTS = ("reproduced", "close", "differs", "undetermined")
+STATEMENT_VERDICTS = ("holds", "fails", "undetermined")
+STANDING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim stands
+BY_CONSTRUCTION = "by_construction"  # what cannot fail
+# Inputs, literature and what cannot fail: shown, never counted.
+LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted", BY_CONSTRUCTION)
+UNDECIDED = "undetermined"  # the kind of what the paper's own problem does not fix
+NUMBERS, STATEMENTS = "numbers", "statements"  # the two kinds of results, which are counted apart
+VERDICTS_OF = {NUMBERS: NUMBER_VERDICTS, STATEMENTS: STATEMENT_VERDICTS}
+MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
+UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
+
+
+def _nested(entry: dict) -> dict:
+    """The schema of an entry, a vector of entries, or a matrix."""
+    vector = {"type": "array", "items": entry}
+    return {"anyOf": [entry, vector, {"type": "array", "items": vector}]}
+
+
+Value = Annotated[Any, WithJsonSchema(_nested({"type": ["number", "boolean", "string", "null"]}))]
+Sizes = Annotated[Any, WithJsonSchema(_nested({"type": ["number", "null"], "minimum": 0}))]
+Number = Annotated[int | float, WithJsonSchema({"type": "number"})]
+Finite = Annotated[  # JSON has no other numbers
+    Number | None, BeforeValidator(lambda value: value if value is None or math.isfinite(value) else None)
+]
+Verdict = Literal[(*COUNTED_VERDICTS, *LISTED_VERDICTS)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        use_attribute_docstrings=True,
+        json_schema_serialization_defaults_required=True,
+        validate_by_name=True,
+        defer_build=True,
+    )
+
+    def written(self) -> dict[str, Any]:
+        """Return the part as it is written to JSON, without fields that were never given."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+class Deviation(_Part):
+    """How far a Monte Carlo result lies from the printed one."""
+
+    largest: Number
+    """the deviation of the worst component, in combined standard errors"""
+    component: tuple[int, ...] | None
+    """its indices, counted from 1; null for a number that stands alone"""
+
+
+class Tolerance(_Part):
+    """The tolerance, stated before the result was known, within which a number is close; relative or absolute."""
+
+    reason: str
+    """why this tolerance is the right one"""
+    relative: Number | None
+    """share of the printed value"""
+    absolute: Sizes
+    """size in the claim's unit, a number or one for each component"""
+
+
+class Margin(_Part):
+    """How far the measure that decides is from its limit."""
+
+    measure: str
+    """what decides, in words"""
+    value: Finite
+    """its value"""
+    limit: Finite
+    """the limit that it is compared with"""
+    unit: str
+    """unit of both; empty: that of the claim, or none"""
+    distance: Finite
+    """how far they are apart, in the unit under `in`"""
+    scale: Literal["standard errors", "limits", "values"] = Field(alias="in")
+    """what the distance counts: standard errors of the value, or shares of the limit or of the value"""
+    standard_error: Number = 0.0
+    """the standard error of the value; 0 if it is not sampled"""
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the distance is counted in standard errors."""
+        return self.scale == "standard errors"
+
+
+class Counterexample(_Part):
+    """The least change that turns the verdict, of those that are tried."""
+
+    change: Literal["scaled", "shifted", "spread", "blended", "replaced", "in_reading"]
+    """what is done"""
+    of: str
+    """the field, input or reading, with the component in brackets"""
+    amount: Number | str | None
+    """a factor; a shift in standard deviations; the share of the way to another record; or what is put in its place"""
+    to: str
+    """the verdict after it"""
+
+
+class _Outcome(_Part):
+    value: Value
+    """shaped like the printed value; null: not evaluated in this reading, or not finite; an infinite input is a text"""
+    standard_error: Sizes = None
+    """of the value, shaped like it; null: no sampling error"""
+    trials: Annotated[int, Field(ge=0)] | None = None
+    """number of Monte Carlo trials behind the value; null: none"""
+    verdict: Verdict | None
+    """the reading's own verdict; null: not evaluated in this reading"""
+    components: Any = None
+    """verdicts on the numbers of a row, shaped like the printed value; null: a single number or a statement"""
+
+
+class Other(_Outcome):
+    """What the reading gives with the number of trials that other readings have."""
+
+    margin: Margin | None = None
+    """as in the result"""
+
+
+class Result(_Outcome):
+    """What one reading gives for the claim."""
+
+    numbers: dict[str, Any] = {}
+    """numbers beside the value, by their names: those that the reason and texts may quote"""
+    evidence: str = ""
+    """a sentence with the numbers that were tested"""
+    doubt: str = ""
+    """why the verdict is undetermined, and how many trials would settle it"""
+    margin: Margin | None = None
+    """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
+    z: Deviation | None = None
+    """the deviation beyond the printed rounding; null: not a Monte Carlo result"""
+    at_equal_trials: Other | None = None
+    """from as many trials as other readings have; null: they have no fewer, or its measure is stored of all alone"""
+
+    @property
+    def comparable(self) -> "Result | Other":
+        """What other readings can be compared with: the result from as many trials as they have."""
+        return self.at_equal_trials or self
+
+
+class Claim(_Part):
+    """One printed number or statement, what every reading gives for it, and the verdict."""
+
+    paper: str
+    """the paper's name, such as powered_descent"""
+    size: str = FULL
+    """the size of the build: full, or a smaller one that decides nothing"""
+    id: str
+    """the claim's name, unique in its paper"""
+    where: str = ""
+    """where the paper prints it"""
+    quantity: str = ""
+    """what is printed, in words"""
+    plain: str = ""
+    """the same in at most 12 words, for readers who do not know the paper; empty: not written"""
+    unit: str = "1"
+    """unit of the printed value, of those of the readings and of the resolution; 1: none"""
+    kind: Literal["deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context"]
+    """a number, a number from trials, a statement, not determined by the paper, a stated input, quoted literature"""
+    printed: Value
+    """what the paper prints; true for a statement"""
+    resolution: Sizes = None
+    """size of the last printed digit, one or one for each component; null: not a measured number"""
+    trials: Annotated[int, Field(gt=0)] | None = None
+    """the paper's number of Monte Carlo trials; null: none"""
+    note: str = ""
+    """a remark on the printed value"""
+    headline: int | None = None
+    """place among the claims that the paper's abstract and conclusions rest on, from 1; null: not among them"""
+    verdict: Verdict
+    """the verdict that counts: that of the reading named under `reading`"""
+    reading: str
+    """the reading that gives the verdict"""
+    reason: str = ""
+    """why the verdict is what it is, if it needs a reason"""
+    errata: tuple[str, ...] = ()
+    """ids of the errata in the paper's method note that explain a difference"""
+    withheld: tuple[str, ...] = ()
+    """inputs that the paper does not give and that explain a difference"""
+    close: Tolerance | None = None
+    """the tolerance stated beforehand; null: none"""
+    by_construction: str = ""
+    """why the claim cannot fail; empty: it can"""
+    readings: dict[str, Result]
+    """what every reading gives, by the reading's name"""
+    counterexample: Counterexample | None = None
+    """the change that turns the verdict; null: not counted, or not turned"""
+    thin: bool = False
+    """whether the verdict is so far from its limit that it could hardly be another one"""
+
+    @property
+    def result(self) -> Result:
+        """What the reading gives that gives the verdict."""
+        return self.readings[self.reading]
+
+    @property
+    def is_statement(self) -> bool:
+        """Whether the claim holds or fails; the others are numbers."""
+        return self.kind == "qualitative"
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether the claim differs or fails."""
+        return self.verdict in REFUTED_VERDICTS
+
+    def unit_of(self, component: tuple[int, ...]) -> str:
+        """Return the unit of one number: units that differ are listed with commas."""
+        units = self.unit.split(", ")
+        return units[component[0]] if component and component[0] < len(units) > 1 else self.unit
+
+    def turned_by(self, counterexample: Counterexample | None) -> "Claim":
+        """Return the claim with its counterexample, and with whether its verdict is thin."""
+        margin = self.result.margin
+        confirmed = self.verdict in ("holds", "reproduced")
+        thin = bool(confirmed and margin and margin.distance is not None and margin.distance > THIN)
+        return self.model_copy(update={"counterexample": counterexample, "thin": thin})

@@ -1,0 +1,122 @@
+"""Numbers as text, and plain values nested in lists."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from marsedl.replication.claims.claim import Claim
+
+NOT_EVALUATED = "–"
+
+
+def format_number(value: Any, standard_error: float | None = None, resolution: float | None = None) -> str:
+    """Write one number for a reader.
+
+    Args:
+        value: a number, bool, text or None.
+        standard_error: if positive, it is shown with two digits and sets the digits of the value.
+        resolution: the size of the last digit to show, if there is no standard error; without it six digits are shown.
+
+    Returns:
+        For example `1349.384 ± 0.047`, `4.85e-4`, `true`, or a dash for None.
+
+    """
+    if value is None:
+        return NOT_EVALUATED
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if not is_number(value):
+        return str(value)
+    if not math.isfinite(value):
+        return str(value)
+    has_error = standard_error is not None and math.isfinite(standard_error) and standard_error > 0
+    if not has_error and resolution is None:
+        return f"{value:.6g}"
+    last_digit = _decade(standard_error) - 1 if has_error else _decade(resolution)
+    size = max(abs(value), standard_error) if has_error else abs(value)
+    exponent = _decade(size) if size else 0
+    if size and not -4 < exponent < 7:
+        # powers of ten: as many digits as needed to reach the last one
+        decimals, scale = max(exponent - last_digit, 0), 10.0**exponent
+        number = f"{value / scale:.{decimals}f}"
+        if has_error:
+            return f"({number} ± {standard_error / scale:.{decimals}f})e{exponent}"
+        return f"{number}e{exponent}"
+    decimals = max(-last_digit, 0)
+    number = f"{value:.{decimals}f}"
+    return f"{number} ± {standard_error:.{decimals}f}" if has_error else number
+
+
+def format_lines(value: Any, standard_error: Any = None, resolution: Any = None) -> list[str]:
+    """Write a number, vector or matrix as one line per number or matrix row; arguments as in `format_number`."""
+    if not isinstance(value, list):
+        return [format_number(value, standard_error, resolution)]
+
+    def part(other: Any, index: int) -> Any:
+        return other[index] if isinstance(other, list) else other
+
+    inner = [format_lines(item, part(standard_error, i), part(resolution, i)) for i, item in enumerate(value)]
+    return [", ".join(lines) for lines in inner]
+
+
+def format_result(row: Claim, reading: str) -> list[str]:
+    """Write what a reading gives for a claim; without a standard error, with two digits more than the paper prints."""
+    result = row.readings.get(reading)
+    if result is None or result.value is None:
+        return ["not finite"] if result and result.verdict == "differs" else [NOT_EVALUATED]
+    finer = row.resolution
+    if row.kind == "input":
+        # What another value of an input is must be seen, however few digits the paper prints.
+        finer = finer if result.verdict == "as_stated" else None
+    elif finer is not None:
+        finer = [0.01 * size for size in finer] if isinstance(finer, list) else 0.01 * finer
+    return format_lines(result.value, result.standard_error, finer)
+
+
+def _decade(size: float) -> int:
+    return math.floor(math.log10(size) + 1e-9)  # 0.001 has decade -3 although its logarithm is rounded
+
+
+def plain(value: Any) -> Any:
+    """Turn arrays, numpy numbers and tuples into lists and Python numbers."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def finite_values(value: Any, infinity: str | None = None) -> Any:
+    """Replace numbers that JSON cannot hold: by None, or by a text where an infinite number is meant."""
+    if isinstance(value, list):
+        return [finite_values(item, infinity) for item in value]
+    if isinstance(value, dict):
+        return {key: finite_values(item, infinity) for key, item in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if infinity is None or math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
+    return value
+
+
+def flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], Any]:
+    """Return the numbers of a nested list by their indices; two values have one shape if the indices are the same."""
+    if not isinstance(value, list):
+        return {index: value}
+    return {place: leaf for i, item in enumerate(value) for place, leaf in flatten(item, (*index, i)).items()}
+
+
+def broadcast(value: Any, like: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
+    """Return a value for each number of another one; a single one serves all."""
+    return flatten(value) if isinstance(value, list) else dict.fromkeys(like, value)
+
+
+def is_finite(value: Any) -> bool:
+    """Whether a plain value is there, and has no number in it that is not finite."""
+    return value is not None and all(not is_number(part) or math.isfinite(part) for part in flatten(value).values())
+
+
+def is_number(value: Any) -> bool:
+    """Whether a plain value is one number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,193 @@
+"""The claims of a build: files, tables and counts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from marsedl.replication.claims.claim import (
+    COUNTED_VERDICTS,
+    LISTED_VERDICTS,
+    NUMBERS,
+    STATEMENTS,
+    UNEXPLAINED,
+    VERDICTS_OF,
+    Claim,
+    Counterexample,
+    Result,
+)
+from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines, format_result
+from marsedl.replication.errors import ArtifactError
+from marsedl.replication.files import write_json, write_text
+from marsedl.replication.records.tables import Column, csv_text, table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
+    """Write claims as JSON, papers in alphabetical order, the claims of a paper in the order given.
+
+    Args:
+        rows: the claims of one or more papers.
+        path: the JSON file; replaced as a whole or not at all.
+
+    Raises:
+        ArtifactError: a number is not finite, or two claims have the same paper and id.
+
+    """
+    rows = sorted(rows, key=lambda row: row.paper)
+    if len({(row.paper, row.id) for row in rows}) != len(rows):
+        raise ArtifactError(f"{path}: a claim is written twice")
+    write_json([row.written() for row in rows], path)
+
+
+def read_claims(path: str | Path) -> list[Claim]:
+    """Read what `write_claims` wrote.
+
+    Raises:
+        ArtifactError: the file is missing, damaged, or no list of claims.
+
+    """
+    rows = _read_json(path)
+    if not isinstance(rows, list):
+        raise ArtifactError(f"{path}: is not a list of claims; {_REMEDY}")
+    return _checked(list[Claim], rows, path)
+
+
+def write_counterexamples(counterexamples: Mapping[str, Counterexample | None], path: str | Path) -> None:
+    """Write the counterexamples of a paper's counted claims as JSON."""
+    write_json({name: turned and turned.written() for name, turned in counterexamples.items()}, path)
+
+
+def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
+    """Read the counterexamples of a paper's counted claims; raises ArtifactError if they cannot be read."""
+    return _checked(dict[str, Counterexample | None], _read_json(path), path)
+
+
+_REMEDY = "delete the file and run 'snakemake claims'"
+
+
+def _read_json(path: str | Path) -> Any:
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}); run 'snakemake claims'") from None
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"{path}: is not JSON ({error}); {_REMEDY}") from None
+
+
+def _checked(kind: Any, value: Any, path: str | Path) -> Any:
+    try:
+        return TypeAdapter(kind).validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ArtifactError(f"{path}: {place}: {first['msg']}; {_REMEDY}") from None
+
+
+def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
+    """Return claims as a long table: a row for each component of a claim in each reading.
+
+    Args:
+        rows: claims from `collect` or `read_claims`.
+
+    Returns:
+        The columns paper, claim, component (its place, counted from 1: "[2]", "[2,1]" in a matrix; none of a single
+        number), reading, value, standard_error, printed, verdict (on this component in that reading), claim_verdict (on
+        the whole claim), trials, unit (of value, standard error and printed). Of statements, value and printed are 1
+        for true and 0 for false.
+
+    """
+    cells = []
+    for row in rows:
+        printed = flatten(row.printed)
+        for reading, result in row.readings.items():
+            values, errors = flatten(result.value), flatten(result.standard_error)
+            verdicts = flatten(result.components)
+            for place in max((values, printed), key=len):
+                numbers = (part.get(place, part.get(())) for part in (values, errors, printed))
+                cells.append(
+                    (
+                        row.paper,
+                        row.id,
+                        f"[{','.join(str(index + 1) for index in place)}]" if place else None,
+                        reading,
+                        *(None if number is None else float(number) for number in numbers),
+                        verdicts.get(place, result.verdict) if place else result.verdict,
+                        result.verdict,
+                        result.trials,
+                        row.unit_of(place),
+                    )
+                )
+    names = ("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict")
+    return table(cells, dict.fromkeys((*names, "trials", "unit"), Column()))
+
+
+def write_table_of_claims(rows: Sequence[Claim], long: str | Path, wide: str | Path) -> None:
+    """Write claims as a table: `long` with a row for each number (CSV), `wide` with one for each claim (Markdown)."""
+    write_text(long, csv_text(claims_table(rows)))
+    write_text(wide, claims_markdown(rows))
+
+
+def claims_markdown(rows: Sequence[Claim]) -> str:
+    """Return claims as a table for readers: what is printed, every reading's value and verdict, the reason.
+
+    rows: claims from `collect` or `read_claims`. For analysts there is `claims_table`.
+    """
+    readings = list(dict.fromkeys(name for row in rows for name in row.readings))
+    shown = ["paper", "id", "where", "quantity", "unit", "kind"]
+    # not "printed", which is the name of a reading
+    header = [*shown, "in the paper", *(text for name in readings for text in (name, f"{name} verdict"))]
+    table = []
+    for row in rows:
+        cells = [getattr(row, key) for key in shown]
+        cells.append("; ".join(format_lines(row.printed, resolution=row.resolution)))
+        for name in readings:
+            cells += ["; ".join(format_result(row, name)), _verdict_cell(row.readings.get(name))]
+        table.append([*cells, row.verdict, row.reason])
+    lines = [[*header, "verdict", "reason"], ["---"] * (len(header) + 2), *table]
+    return "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
+
+
+def _verdict_cell(result: Result | None) -> str:
+    """The verdict of a reading, and the one from as many trials as other readings have if that is another one."""
+    verdict = (result and result.verdict) or NOT_EVALUATED
+    other = result and result.at_equal_trials
+    if not other or other.verdict == verdict:
+        return verdict
+    return f"{verdict} ({other.verdict} with {other.trials:,} trials)"
+
+
+def unexplained(rows: Iterable[Claim]) -> list[str]:
+    """Return the ids of claims that differ or fail without an erratum or a withheld input."""
+    return [row.id for row in rows if row.reason == UNEXPLAINED]
+
+
+def summary(rows: Iterable[Claim]) -> dict[str, dict[str, int]]:
+    """Count the verdicts of claims, or of what has their `kind` and `verdict`.
+
+    Returns:
+        `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed numbers
+        and statements apart, and what is listed and never counted.
+
+    """
+    found = [(STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows]
+
+    def count(names: Iterable[str], kinds: Iterable[str] = (NUMBERS, STATEMENTS)) -> dict[str, int]:
+        return {verdict: sum(found.count((kind, verdict)) for kind in kinds) for verdict in names}
+
+    return {
+        "counted": count(COUNTED_VERDICTS),
+        **{kind: count(names, [kind]) for kind, names in VERDICTS_OF.items()},
+        "listed": count(LISTED_VERDICTS),
+    }
+
+
+def _markdown_cell(text: str) -> str:
+    escaped = str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
+    return " ".join(escaped.split())

@@ -1,0 +1,96 @@
+"""What is wrong in a file, in one line: the file, the line, the key, the fault and the remedy."""
+
+import functools
+import re
+import typing
+from dataclasses import dataclass, replace
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from marsedl.replication.errors import InputError, nearest, shown
+
+Model = typing.TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A key in a file, as messages name it: the file, the line and the keys that lead to it."""
+
+    origin: str
+    document: object = None  # as `read_yaml` returns it, for line numbers; None if there is no file
+    keys: tuple = ()
+
+    def __truediv__(self, key: object) -> "Place":
+        """Return the place of a key below this one."""
+        return replace(self, keys=(*self.keys, key))
+
+    def __str__(self) -> str:
+        """Return the place as "file:line: key.key", with the line of the innermost key that has one."""
+        line, node = None, self.document
+        for key in self.keys:
+            line, node = getattr(node, "lines", {}).get(key, line), node.get(key) if isinstance(node, dict) else None
+        where = f"{self.origin}:{line}" if line else self.origin
+        names = [str(key) if re.fullmatch(r"\S{1,60}", str(key)) else shown(key) for key in self.keys]
+        return f"{where}: {'.'.join(names)}" if names else where
+
+
+class Keys(BaseModel):
+    """Base of what is written as keys with values: no unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @classmethod
+    def unknown(cls, key: str) -> str:
+        """Return what is wrong with a key that is not one of these."""
+        return f"unknown key; {nearest(key, cls.model_fields)}"
+
+
+def checked(model: type[Model], value: object, place: Place) -> Model:
+    """Return a value as the model has it.
+
+    Args:
+        model: what may be written there.
+        value: what is written there.
+        place: where it is written.
+
+    Raises:
+        InputError: the first fault, in one line that names its place.
+
+    """
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        # First an unknown key: it may be the missing one, misspelt.
+        fault = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    keys, kind, written = fault["loc"], fault["type"], fault["input"]
+    of_key = keys[-1:] == ("[key]",)  # not of what stands under it
+    for key in keys[:-1] if of_key or kind == "missing" else keys:
+        place /= key
+    if kind == "extra_forbidden":
+        problem = functools.reduce(_below, keys[:-1], model).unknown(keys[-1])
+    elif kind == "missing":
+        problem = f"the key '{keys[-1]}' is missing; add it"
+    elif kind in ("model_type", "dict_type"):
+        names = getattr(functools.reduce(_below, keys, model), "model_fields", ())
+        problem = f"must be keys with values, not {'nothing' if written is None else shown(written)}"
+        problem += f"; {nearest('', names)}" if names else ""
+    else:
+        problem = sentence(fault) if of_key else sentence(fault, written)
+    raise InputError(f"{place}: {problem}")
+
+
+def sentence(fault: typing.Mapping, written: object = ...) -> str:
+    """Return what is wrong with a value.
+
+    fault: an entry of `ValidationError.errors`. written: the value as it is written; without it, none is shown.
+    """
+    message = fault["msg"].removeprefix("Value error, ").replace("valid tuple", "valid list").replace("Tuple", "List")
+    given = "" if written is ... else f" (given: {shown(written)})"
+    text = fault["input"].strip() if isinstance(fault["input"], str) else ""
+    hint = "; YAML reads this as text: write the number with a point, as in 1.0e-3"
+    return f"{message}{given}{hint if re.fullmatch(r'[+-]?[0-9]+[eE][+-]?[0-9]+', text) else ''}"
+
+
+def _below(of: typing.Any, key: object) -> typing.Any:
+    """Return the type of what stands under a key of a model, or of a mapping or list."""
+    return of.model_fields[key].annotation if hasattr(of, "model_fields") else typing.get_args(of)[-1]

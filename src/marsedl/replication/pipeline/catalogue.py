@@ -1,0 +1,149 @@
+"""What a paper consists of: its stages, figures and tables, with what each of them depends on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import NamedTuple
+
+TEXTS = "texts.yaml"  # in a paper's folder: captions and other words
+FLIGHTS = "montecarlo"  # the stage of which each Monte Carlo case has an artifact
+CHUNK, GATHER = f"{FLIGHTS}_chunk", f"{FLIGHTS}_gather"  # its two parts, of which chunks are jobs of their own
+
+
+def stage(*, claimed_in: tuple[str, ...] = (), priority: int = 0) -> Callable:
+    """Mark a function of a paper as a stage; its signature says what it needs, see `declarations.py`.
+
+    Claims use it in the readings of `claimed_in`, or in all; it can be built for any. Jobs of a higher `priority` start
+    first. Both are written as literals, as nothing is imported to read them.
+    """
+    return lambda function: function
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One cached computation, as its function declares it.
+
+    `entries` are its functions, "package.module:function"; what the first returns is the only chunk that the next one
+    gathers. `inputs` are the names of the inputs that they read, `needs` the artifacts that they take.
+    """
+
+    entries: tuple[str, ...]
+    inputs: tuple[str, ...]
+    needs: tuple[str, ...]
+    meaning: str
+    claimed_in: tuple[str, ...] = ()
+    priority: int = 0
+
+
+@dataclass(frozen=True)
+class Product:
+    """One figure or table: its caption, and whether it goes beyond the paper.
+
+    Its function declares the rest: the artifacts that it takes, the inputs that it reads, and whether it shows printed
+    values, so that it is made again when these change.
+    """
+
+    caption: str
+    beyond: bool = False
+    needs: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()  # taken where the reading has them
+    inputs: tuple[str, ...] = ()
+    published: bool = False
+
+
+class Flown(NamedTuple):
+    """Which trials a job flies."""
+
+    case: str
+    trials: int  # of the whole case
+    block_size: int  # trials in a block
+    chunk: int = 0  # number of this chunk
+    chunks: int = 1  # number of all
+
+
+class Trial(NamedTuple):
+    """One trial that is flown again."""
+
+    case: str
+    number: int
+    stored: object = None  # the ensemble that it is compared with
+
+
+class Artifacts:
+    """Base of a dataclass of artifacts, for a function that takes many; its fields are named as stages and cases."""
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """A slip or gap in the printed paper: what is printed, the evidence against it, what is used instead.
+
+    `title` says it in a few words; `kept_by` are the readings that keep what is printed.
+    """
+
+    id: str
+    printed: str
+    evidence: str
+    used: str
+    title: str = ""
+    kept_by: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Paper:
+    """The bill of materials of one replicated paper.
+
+    `stages` are filled in from the paper's functions, and what has captions from its `texts.yaml`. `figures` and
+    `tables` exist for every reading; `summaries` are tables over all readings, with their captions. `described` says in
+    our words what each figure of the paper shows and what the paper finds in it; captions say what is drawn here.
+    `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
+    that shows it.
+    `closeups` are plots of the report that a reader can look into.
+    Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
+    compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
+    data/reference/benchmarks.csv.
+    """
+
+    slug: str
+    title: str
+    authors: str
+    citation: str
+    figures: dict[str, Product] = field(default_factory=dict)
+    tables: dict[str, Product] = field(default_factory=dict)
+    summaries: dict[str, str] = field(default_factory=dict)
+    described: dict[str, str] = field(default_factory=dict)
+    closeups: tuple[str, ...] = ()
+    errata: tuple[Erratum, ...] = ()
+    question: str = ""
+    in_short: tuple[str, ...] = ()
+    picture: str = ""
+    trials_per_block: int = 1000
+    noise: tuple[str, ...] = ()
+    measured: bool = False
+    stages: dict[str, Stage] = field(default_factory=dict)
+
+    def product(self, stem: str) -> Product:
+        """Return a figure or table that exists for every reading."""
+        return self.figures.get(stem) or self.tables[stem]
+
+    def tables_of_equal_needs(self) -> list[list[str]]:
+        """Return the names of the tables, those together that are made from the same artifacts."""
+        groups: dict[tuple, list[str]] = {}
+        for stem, table in self.tables.items():
+            groups.setdefault((table.needs, table.optional), []).append(stem)
+        return list(groups.values())
+
+
+def entry_of(paper: str, kind: str, name: str) -> str:
+    """Return the entry "package.module:function" of a paper's function; kind: its module, such as figures."""
+    return f"marsedl.papers.{paper}.{kind}:{name}"
+
+
+def function_of(entry: str) -> Callable:
+    """Return the function of an entry."""
+    module, _, name = entry.partition(":")
+    return getattr(import_module(module), name)
+
+
+def whole_case(case: str, trials: int, paper) -> dict[str, object]:
+    """Return the options of a stage that flies a whole Monte Carlo case."""
+    return {"case": case, "trials": trials, "block_size": paper.trials_per_block}

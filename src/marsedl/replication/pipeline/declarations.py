@@ -1,0 +1,152 @@
+"""Stages, figures and tables as their functions' signatures declare them.
+
+A stage is a function with the decorator `stage`. It takes sections of the paper's inputs and artifacts by their names,
+an artifact by that of its stage or Monte Carlo case. So do figures and tables, which may take the printed claims as
+`published` as well. Keyword-only parameters are options of the job.
+
+Of a section, a function is given the inputs that its code reads: `planet.gravity` in itself, or in a function that it
+reaches and that takes a parameter annotated as `Planet`, or a named tuple with such a field. All of it is read from the
+source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
+
+A stage has the name of its module if its function is called `compute`, else the function's. In the module `montecarlo`
+the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from graphlib import CycleError, TopologicalSorter
+from typing import NamedTuple
+
+from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.inputs.sections import Inputs, Section
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage
+from marsedl.replication.pipeline.fingerprints import Fingerprints
+
+STAGE, PUBLISHED = "stage", "published"
+_PARTS = {f"{FLIGHTS}:simulate": CHUNK, f"{FLIGHTS}:gather": GATHER}
+OTHERS = (PUBLISHED, "measured", "chunks")  # what functions take beside sections and artifacts
+
+
+class Taken(NamedTuple):
+    """What a function takes according to its signature, and what its code reads."""
+
+    inputs: tuple[str, ...]  # "section.name"
+    needs: tuple[str, ...]  # artifacts
+    optional: tuple[str, ...]  # artifacts that it takes where there are any
+    others: tuple[str, ...]  # of OTHERS
+
+
+def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
+    """Return a catalogue with its stages, and its products with what they are made from.
+
+    Args:
+        paper: the catalogue as it is written.
+        model: the paper's inputs, with its Monte Carlo cases.
+        digests: what reads the source.
+
+    Raises:
+        InputError: a parameter is not a section, stage or case, or stages depend on each other in a circle.
+
+    """
+    package = f"marsedl.papers.{paper.slug}"
+    functions = digests.functions(package)
+    entries = {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
+
+    def taken_of(entry: str) -> Taken:
+        if entry not in functions:
+            raise InputError(f"{entry}: there is no such function, but {paper.slug} has it in its catalogue; write it")
+        return taken_by(entry, functions[entry]["parameters"], model, entries, digests)
+
+    def stage_of(entry: str) -> Stage:
+        settings, takes = functions[entry]["decorators"][STAGE], taken_of(entry)
+        return Stage((entry,), takes.inputs, takes.needs, functions[entry]["summary"].rstrip("."), **settings)
+
+    def product_of(kind: str, stem: str, product: Product) -> Product:
+        takes = taken_of(f"{package}.{kind}:{stem}")
+        return replace(
+            product,
+            needs=takes.needs,
+            optional=takes.optional,
+            inputs=takes.inputs,
+            published=PUBLISHED in takes.others,
+        )
+
+    stages = {name: stage_of(entry) for name, entry in entries.items()}
+    if CHUNK in stages:
+        stages[FLIGHTS] = _whole_case(stages[CHUNK], stages[GATHER])
+    return replace(
+        paper,
+        stages={name: stages[name] for name in _in_order(paper.slug, stages)},
+        figures={stem: product_of("figures", stem, product) for stem, product in paper.figures.items()},
+        tables={stem: product_of("tables", stem, product) for stem, product in paper.tables.items()},
+    )
+
+
+def taken_by(
+    entry: str,
+    parameters: Mapping[str, bool],
+    model: type[Inputs],
+    stages: Iterable[str],
+    digests: Fingerprints,
+) -> Taken:
+    """Return what a function takes.
+
+    Args:
+        entry: the function, "package.module:function".
+        parameters: its parameters; True for one that may be left out.
+        model: the inputs of the paper whose sections it takes.
+        stages: the paper's stages.
+        digests: what reads the source.
+
+    Raises:
+        InputError: a parameter is not a section, stage or case.
+
+    """
+    sections, needs, others_taken = model.sections(), {False: [], True: []}, []
+    for parameter, optional in parameters.items():
+        if parameter in OTHERS:
+            others_taken.append(parameter)
+        elif parameter in model.CASES or parameter in stages:
+            needs[optional].append(f"{FLIGHTS}.{parameter}" if parameter in model.CASES else parameter)
+        elif parameter not in sections:
+            valid_names = [*sections, *stages, *model.CASES]
+            raise InputError(
+                f"{entry}: the parameter '{parameter}' is not a section, stage or case; "
+                f"{nearest(parameter, valid_names)}"
+            )
+    inputs = tuple(sorted(inputs_read(digests.reads(entry), sections)))
+    return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others_taken))
+
+
+def inputs_read(reads: Mapping[str, list[str]], sections: Mapping[str, type[Section]]) -> Iterator[str]:
+    """Yield "section.name" of the inputs that code reads; reads: what it reads of parameters, by names of types."""
+    for section, of in sections.items():
+        names = {kind.__name__ for kind in of.__mro__ if issubclass(kind, Section) and kind is not Section}
+        read = {attribute for name in names for attribute in reads.get(name, ())}
+        yield from (f"{section}.{name}" for name in of.model_fields if name in read)
+
+
+def _stage_name(entry: str) -> str:
+    module, function = entry.rpartition(".")[2].split(":")
+    return _PARTS.get(f"{module}:{function}", module if function == "compute" else function)
+
+
+def _whole_case(simulate: Stage, gather: Stage) -> Stage:
+    """A whole case as one job."""
+    return replace(
+        simulate,
+        entries=simulate.entries + gather.entries,
+        inputs=tuple(sorted({*simulate.inputs, *gather.inputs})),
+        needs=tuple(dict.fromkeys(simulate.needs + gather.needs)),
+        meaning="Fly the trials of a Monte Carlo case",
+    )
+
+
+def _in_order(slug: str, stages: Mapping[str, Stage]) -> list[str]:
+    """The names of the stages, none before one that it needs; parts of the Monte Carlo flights come last."""
+    needs = {name: {need.partition(".")[0] for need in stage.needs} for name, stage in sorted(stages.items())}
+    try:
+        order = list(TopologicalSorter(needs).static_order())
+    except CycleError as error:
+        raise InputError(f"{slug}: stages depend on each other in a circle: {' -> '.join(error.args[1])}") from None
+    return sorted(order, key=lambda name: name.startswith(FLIGHTS))

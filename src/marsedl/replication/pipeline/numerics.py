@@ -1,0 +1,68 @@
+"""The numeric environment of jobs: threads, instruction sets, caches."""
+
+import os
+import platform
+from pathlib import Path
+
+from marsedl.replication.errors import MarsedlError
+
+# One thread per job, one instruction set for linear algebra and array code: the same numbers on every run.
+NUMERIC_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "RAYON_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "OPENBLAS_CORETYPE": "Haswell",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "SOURCE_DATE_EPOCH": "1502928000",
+    "MPLBACKEND": "agg",
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",
+}
+# Variables beside these that choose instruction sets or the way kernels are compiled: a shell's do not reach jobs.
+_OF_A_SHELL = ("NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES")
+_OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
+
+
+def pin_numerics(root: Path) -> None:
+    """Set the numeric environment of this process and its children; call it before numpy is imported.
+
+    root: the project's folder, which also holds the cache of compiled kernels.
+
+    Raises MarsedlError if this processor cannot run the pinned instruction set, or if a file has settings of numba.
+    """
+    from marsedl.replication.pipeline import kernel_cache
+    from marsedl.replication.pipeline.fingerprints import fingerprints_of
+
+    _check_processor()
+    if Path(".numba_config.yaml").exists():
+        raise MarsedlError(f"{Path('.numba_config.yaml').absolute()}: numba would read it in every job; move it away")
+    for name in [name for name in os.environ if name.startswith("NUMBA_") or name in _OF_A_SHELL]:
+        del os.environ[name]
+    os.environ.update(NUMERIC_ENVIRONMENT)
+    os.environ.setdefault("PYTHONHASHSEED", "0")
+    if features := kernel_cache.vector_features():
+        os.environ["NUMBA_CPU_FEATURES"] = features
+    os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache.cache_folder(root, fingerprints_of(root).kernels()))
+    os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernel_cache.LOCATOR
+    os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
+
+
+def _check_processor() -> None:
+    """Raise MarsedlError if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL."""
+    from llvmlite.binding import get_host_cpu_features
+
+    features = get_host_cpu_features()
+    if platform.machine() == "x86_64" and not (features.get("avx2") and features.get("fma")):
+        raise MarsedlError(
+            "this processor, or the virtual machine's, has no AVX2 and FMA, which linear algebra is pinned to: run on "
+            "one that has, or let the virtual machine pass on its host's processor"
+        )
+
+
+def assert_numerics() -> None:
+    """Raise MarsedlError if this process was started without the pinned numeric environment."""
+    unset = [name for name, value in NUMERIC_ENVIRONMENT.items() if os.environ.get(name) != value]
+    unset += [name for name in _OF_THIS_PROJECT if name not in os.environ]
+    if unset:
+        raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")

@@ -1,0 +1,136 @@
+"""What the artifacts of a paper's readings are made from, and which reading owns each file.
+
+An artifact that two readings would compute from the same inputs is computed once. The file is stored under one of them:
+`corrected` if it has it, else the first in the configuration; a user's own readings come last. When its owner is
+edited, the next of the others owns a file of its own, which is computed again with the same result.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import cached_property
+
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.readings import Study
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, Paper, whole_case
+from marsedl.replication.records.recipes import recipe_digest
+
+TOGETHER = 10  # one job flies all cases of a reading that have at most this many blocks of trials
+
+
+class Shared:
+    """The artifacts of all readings of a paper.
+
+    An artifact has the name of its stage, of a Monte Carlo case ("montecarlo.closed_loop"), or of a chunk of one
+    ("chunks/closed_loop.0of4").
+    """
+
+    def __init__(self, paper: Paper, study: Study, reached: Callable[[Iterable[str]], dict] = lambda entries: {}):
+        """Take the catalogue and the readings.
+
+        Args:
+            paper: the catalogue.
+            study: the readings.
+            reached: function of a stage's functions, which returns what a recipe holds of their code and libraries.
+
+        """
+        self.paper, self._study, self._reached = paper, study, reached
+        self._order = sorted(study.readings, key=lambda name: name != CORRECTED)  # stable: otherwise as they stand
+        self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
+        self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
+        self._recipes: dict[tuple[str, str], dict] = {}
+        self._digests: dict[tuple[str, str], str] = {}
+        self._owners: dict[tuple[str, str], str] = {}  # by name of the artifact and digest
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """The readings in which claims are evaluated."""
+        return self._study.compared
+
+    def has(self, reading: str, name: str) -> bool:
+        """Whether a reading has an artifact of this name."""
+        stage, _, case = name.partition(".")
+        if stage == FLIGHTS:
+            return case in self._flown.get(reading, ())
+        return reading in self._flown and not case and stage in self.paper.stages
+
+    def owner(self, reading: str, name: str) -> str:
+        """Return the reading whose file an artifact is."""
+        digest = self._digest(reading, name)
+        if (name, digest) not in self._owners:
+            same = (other for other in self._order if self.has(other, name) and self._digest(other, name) == digest)
+            self._owners[name, digest] = next(same)
+        return self._owners[name, digest]
+
+    def file(self, reading: str, name: str) -> str:
+        """Return the path of an artifact, from the folder of the build on."""
+        return f"data/cache/{self.paper.slug}/{self.owner(reading, name)}/{name}.h5"
+
+    def files(self, reading: str, needs: Iterable[str], optional: Iterable[str] = ()) -> dict[str, str]:
+        """Return the paths of artifacts by the parameter that takes them; of the optional ones, those that exist."""
+        needs = [*needs, *(need for need in optional if self.has(reading, need))]
+        return {need.split(".")[-1]: self.file(reading, need) for need in needs}
+
+    def claimed(self, reading: str) -> dict[str, str]:
+        """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
+        is_own_reading = reading in self._study.own_readings
+        stages = [(name, stage) for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)]
+        names = [
+            *(name for name, stage in stages if is_own_reading or reading in (stage.claimed_in or [reading])),
+            *(f"{FLIGHTS}.{case}" for case in self._flown[reading]),
+        ]
+        return {name: self.file(reading, name) for name in names}
+
+    def chunks(self, reading: str, case: str) -> list[str]:
+        """Return the names of a case's chunks: no more than it has blocks of trials, if any."""
+        blocks = -(-self._flown[reading].get(case, 0) // self.paper.trials_per_block)
+        number = min(self._study.chunks[case], blocks)
+        return [f"chunks/{case}.{chunk}of{number}" for chunk in range(number)]
+
+    @cached_property
+    def scattered(self) -> frozenset[str]:
+        """The Monte Carlo cases that have several chunks in some reading."""
+        cases = ((name, case) for name, cases in self._flown.items() for case in cases)
+        return frozenset(case for name, case in cases if len(self.chunks(name, case)) > 1)
+
+    def flown_together(self) -> dict[tuple[str, ...], list[str]]:
+        """Return the readings by the cases that one job flies for each: those of few trials, if there are several."""
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for reading, cases in self._flown.items():
+            few = [case for case, trials in cases.items() if trials <= TOGETHER * self.paper.trials_per_block]
+            owned = [case for case in few if self.owner(reading, f"{FLIGHTS}.{case}") == reading]
+            alone = tuple(case for case in owned if case not in self.scattered)
+            if len(alone) > 1:
+                groups.setdefault(alone, []).append(reading)
+        return groups
+
+    def recipe(self, reading: str, name: str) -> dict:
+        """Return what an artifact is made from, see `replication/records/recipes.py`."""
+        if (reading, name) not in self._recipes:
+            stage, options = self._job(reading, name)
+            declared = self.paper.stages[stage]
+            values = self._values[reading]
+            self._recipes[reading, name] = {
+                "inputs": {key: values[key] for key in declared.inputs},
+                "options": options,
+                "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
+                **self._reached(declared.entries),
+            }
+        return self._recipes[reading, name]
+
+    def needs(self, reading: str, name: str) -> list[str]:
+        """Return the paths of the artifacts that an artifact is made from."""
+        stage, _ = self._job(reading, name)
+        return [self.file(reading, need) for need in self.paper.stages[stage].needs]
+
+    def _job(self, reading: str, name: str) -> tuple[str, dict]:
+        """The stage that an artifact comes from, and its options: of a whole case the same in however many chunks."""
+        stage, _, part = name.removeprefix("chunks/").partition(".")
+        if name.startswith("chunks/"):  # the case, and which chunk of how many
+            chunk, _, count = part.partition("of")
+            options = whole_case(stage, self._flown[reading][stage], self.paper)
+            return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}
+        return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}
+
+    def _digest(self, reading: str, name: str) -> str:
+        if (reading, name) not in self._digests:
+            self._digests[reading, name] = recipe_digest(self.recipe(reading, name))
+        return self._digests[reading, name]

@@ -1,0 +1,1 @@
+"""Typed artifacts and tables: their fields, their files, what they were made from, and how two files differ."""

@@ -1,0 +1,40 @@
+"""What an artifact is made from, so that one which was made from something else is not taken for it.
+
+A recipe holds by name: `inputs` and `options`, as JSON has them; `code` (digests) and `libraries` (versions); and under
+`needs` the digests of the recipes of the artifacts that it is made from, so that a recipe stands for all before it.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from marsedl.replication.errors import shown
+
+# What artifacts look like and what jobs do around the science, none of which the digests of code see. Raise it with an
+# edit of `fingerprints.MACHINERY` that changes a product: everything is then made again.
+FORMAT = 2
+NAMED_CHANGES = 3  # at most this many differing inputs are listed
+
+
+def recipe_digest(recipe: Mapping[str, Any]) -> str:
+    """Short digest of a recipe."""
+    return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def recipe_changes(stored: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iterator[str]:
+    """Say what differs between a recipe that was kept, perhaps not all of it, and another."""
+    for key in ("inputs", "options"):
+        old, new = stored.get(key, {}), json.loads(json.dumps(recipe[key]))
+        names = sorted(name for name in {*old, *new} if old.get(name) != new.get(name))
+        yield from (f"{name} is {shown(old.get(name))}, not {shown(new.get(name))}" for name in names[:NAMED_CHANGES])
+        if len(names) > NAMED_CHANGES:
+            yield f"{len(names) - NAMED_CHANGES} more {key}"
+    if stored.get("code") != recipe["code"]:
+        yield "other code"
+    old, new = (str(side.get("libraries", "")).split(", ") for side in (stored, recipe))
+    if old != new:
+        yield f"{shown(', '.join(item for item in old if item not in new))} among the libraries"
+    old, new = stored.get("needs", {}), recipe["needs"]
+    if changed_needs := sorted(name for name in new if old.get(name) != new[name]):
+        yield f"another {', '.join(changed_needs[:NAMED_CHANGES])}"

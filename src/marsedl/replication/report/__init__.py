@@ -1,0 +1,1 @@
+"""The pages, and the words, formulas and pictures in them."""

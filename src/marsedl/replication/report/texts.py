@@ -1,0 +1,105 @@
+"""The words of a paper that are not computed, from its `texts.yaml`: captions, what its figures show, errata."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, StringConstraints, field_validator
+
+from marsedl.replication.claims.quotes import pieces
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs.messages import Keys, Place, checked
+from marsedl.replication.inputs.yaml_file import read_yaml
+from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
+
+FILE = "texts.yaml"  # in the folder of a paper, and in that of the comparisons
+
+
+def _with_quotes(text: str) -> str:
+    """A text whose quotes of numbers are well-formed; what they name is looked up when they are filled."""
+    pieces(text)
+    return text
+
+
+def _without_quotes(text: str) -> str:
+    if "{" in text:
+        raise ValueError("no numbers are quoted here; write it without braces")
+    return text
+
+
+Words = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
+Text = Annotated[Words, AfterValidator(_with_quotes)]
+Plain = Annotated[Words, AfterValidator(_without_quotes)]
+
+
+class _Table(Keys):
+    caption: Text
+    beyond: bool = False
+
+
+class _Figure(_Table):
+    shows: Annotated[str, AfterValidator(_with_quotes)] = ""
+
+
+class _Erratum(Keys):
+    printed: Text
+    evidence: Text
+    used: Text
+    title: Plain = ""
+    kept_by: tuple[Words, ...] = ()
+
+
+class _Texts(Keys):
+    figures: dict[str, _Figure]
+    tables: dict[str, _Table] = Field({})
+    over_readings: dict[str, Text] = Field({})
+    errata: dict[str, _Erratum] = Field({})
+    question: Plain = ""
+    in_short: tuple[Text, ...] = ()
+    picture: str = ""
+
+    @field_validator("figures", "tables", "over_readings", "errata", mode="before")
+    @classmethod
+    def _without_entries(cls, value: Any) -> Any:
+        return {} if value is None else value
+
+
+class _Compared(Keys):
+    figure: Plain
+    table: Plain
+
+
+def with_texts(paper: Paper, path: Path) -> Paper:
+    """Return a catalogue with its words; its figures and tables are those that have any.
+
+    Args:
+        paper: the catalogue as its package writes it.
+        path: its `texts.yaml`.
+
+    Raises:
+        InputError: the file is missing or malformed; the message names file, line and key.
+
+    """
+    document = read_yaml(path)
+    texts = checked(_Texts, document, Place(str(path), document))
+    return replace(
+        paper,
+        figures={stem: Product(figure.caption, figure.beyond) for stem, figure in texts.figures.items()},
+        described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
+        tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
+        summaries=dict(texts.over_readings),
+        errata=tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
+        question=texts.question,
+        in_short=texts.in_short,
+        picture=texts.picture,
+    )
+
+
+def comparison_texts(path: Path) -> dict[str, tuple[str, str]]:
+    """Return the captions of the figure and the table of each comparison; raises InputError as `with_texts`."""
+    document = read_yaml(path)
+    if not isinstance(document, dict) or not document:
+        raise InputError(f"{path}: expected comparisons with the captions of a figure and a table")
+    place = Place(str(path), document)
+    texts = {name: checked(_Compared, entry, place / name) for name, entry in document.items()}
+    return {name: (entry.figure, entry.table) for name, entry in texts.items()}

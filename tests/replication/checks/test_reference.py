@@ -1,0 +1,393 @@
+"""The proof itself: that two builds are compared in full, and that tampered numbers are found."""
+
+import json
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl import cli
+from marsedl.replication.checks import reference, twice
+from marsedl.replication.checks.reference import COUNT_TOLERANCE, RELATIVE_TOLERANCE
+from marsedl.replication.claims import committed
+from marsedl.replication.claims.claim import UNEXPLAINED
+from marsedl.replication.claims.printed import load_published
+from marsedl.replication.errors import MarsedlError
+from marsedl.replication.records import fields, store
+from marsedl.replication.sizes import build_folder
+
+ROOT = Path(__file__).parents[3]
+SLUG = "powered_descent"
+ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
+
+
+class Owned:
+    """Stands for `Shared`: every reading owns its file, but for `copy`, whose nominal is that of `corrected`."""
+
+    readings = ("corrected",)
+
+    def has(self, reading, name):
+        return name == "nominal"
+
+    def file(self, reading, name):
+        return f"data/cache/{SLUG}/{'corrected' if reading == 'copy' else reading}/{name}.h5"
+
+    def claimed(self, reading):
+        return {"nominal": self.file(reading, "nominal")}
+
+
+PAPERS = {SLUG: Owned()}
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A test artifact."""
+
+    mass: np.ndarray = fields.quantity("kg", ("time",), "mass")
+    iterations: int = fields.quantity("1", (), "iterations")
+    name: str = fields.quantity("1", (), "a name, which is not a number")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A project of one paper with one artifact, one claim, and the reference made from them."""
+    (tmp_path / "configs").mkdir()
+    (tmp_path / "Snakefile").touch()
+    stored(tmp_path)
+    claim(tmp_path, 1349.4)
+    counterexample(tmp_path, "fails")
+    reference.accept_reference(tmp_path, PAPERS)
+    monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
+    build = SimpleNamespace(root=tmp_path, size="full", studies={}, quotes=lambda slug: None)
+    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, PAPERS, None))
+    monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
+    monkeypatch.setattr(cli, "_readme", lambda options: None)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def counterexample(root, verdict, name="final_mass"):
+    """Store the verdict that a claim has after its counterexample, or none if nothing turns it."""
+    path = root / "report" / "counterexamples" / f"{SLUG}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    turned = verdict and {"change": "scaled", "of": "nominal.mass", "amount": 1.5, "to": verdict}
+    path.write_text(json.dumps({name: turned}), encoding="utf-8")
+
+
+def stored(root, scale=1.0, iterations=100):
+    thing = Thing(scale * np.linspace(1500.0, 1349.4, 50), iterations, "x")
+    store.save(root / ARTIFACT, thing, paper=SLUG, reading="corrected", provenance={})
+
+
+def claim(root, value, reason="E10: not reproducible", verdict="differs", printed=None, names=("final_mass",)):
+    path = root / "report" / "claims" / f"{SLUG}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    results = {"corrected": (value, verdict), "printed": (None, printed)}
+    readings = {
+        reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": ""}
+        for reading, (value, verdict) in results.items()
+    }
+    row = {"where": "x", "quantity": "x", "printed": 1346, "unit": "kg", "kind": "deterministic", "resolution": 1}
+    row |= {
+        "trials": None,
+        "paper": SLUG,
+        "verdict": verdict or "fails",
+        "reading": "corrected",
+        "reason": reason,
+        "readings": readings,
+    }
+    rows = [{**row, "id": name} for name in names]
+    path.write_text(json.dumps(rows), encoding="utf-8")
+
+
+def reference_of(root) -> dict:
+    return json.loads((root / "data" / "reference" / f"{SLUG}.json").read_text(encoding="utf-8"))
+
+
+def reduced(*values, kind=float):
+    return reference._reduced(np.array(values, dtype=kind))
+
+
+def margin(name, committed, built):
+    return max(reference.margins_of(name, committed, built), default=0.0)
+
+
+# ------------------------------------------------------------------------------------------------------------- margins
+
+
+def test_a_margin_is_in_units_of_the_tolerance_of_the_fields_size():
+    size = np.sqrt((1000.0**2 + 2000.0**2) / 2)
+    off = reduced(1000.0, 2000.0 + 3 * RELATIVE_TOLERANCE * size)
+    assert margin("a", reduced(1000.0, 2000.0), off) == pytest.approx(3.0, rel=1e-3)
+
+
+def test_counts_may_jump_a_little():
+    assert margin("a", reduced(100, kind=int), reduced(101, kind=int)) < 1
+    assert margin("a", reduced(100, kind=int), reduced(round(100 * (1 + COUNT_TOLERANCE)) + 3, kind=int)) > 1
+
+
+def test_permutations_shapes_and_lost_numbers_are_seen():
+    assert margin("a", reduced(1.0, 2.0, 3.0), reduced(3.0, 2.0, 1.0)) > 1
+    assert margin("a", reduced(1.0, 2.0), reduced(1.0, 2.0, 3.0)) == np.inf
+    assert margin("a", reduced(1.0, 2.0), reduced(np.nan, np.nan)) == np.inf
+    assert margin("a", reduced(np.nan, np.nan), reduced(np.nan, np.nan)) == 0.0
+
+
+# ----------------------------------------------------------------------------------------------------------- reference
+
+
+def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
+    entries = reference.fingerprints(project, SLUG, {"corrected/nominal": project / ARTIFACT})
+    assert set(entries) == {
+        "verdicts/final_mass",
+        "published/final_mass",
+        "claims/final_mass/corrected",
+        "corrected/nominal/mass",
+        "corrected/nominal/iterations",
+    }
+    assert entries["published/final_mass"] == "1346 kg, deterministic, last digit 1"
+    assert entries["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
+    assert entries["corrected/nominal/mass"]["shape"] == [50]
+    assert entries["corrected/nominal/iterations"]["counts"]
+    assert not entries["corrected/nominal/mass"]["counts"]
+    assert entries["corrected/nominal/mass"]["numbers"][3:] == [1349.4, 1500.0]  # smallest and largest
+
+
+def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in (output := capsys.readouterr().out)
+    assert "worst margin 0 tolerances" in output
+    assert "marsedl accept" not in output
+
+
+def test_rounding_is_tolerated_and_more_is_not(project, capsys):
+    stored(project, scale=1 + 1e-9)
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+    stored(project, scale=1 + 1e-5)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = capsys.readouterr().out
+    assert "1 numbers beyond tolerance" in output
+    (row,) = [
+        line.split("  ") for line in output.splitlines() if "corrected/nominal/mass" in line and "largest" in line
+    ]
+    cells = [cell.strip() for cell in row if cell.strip()]
+    assert cells[:3] == ["corrected/nominal/mass", "shape [50], largest 1500", "shape [50], largest 1500.015"]
+    assert float(cells[3]) == pytest.approx(10.5, abs=0.1)
+    assert "accept them with 'marsedl accept'" in output
+
+
+def test_a_changed_verdict_fails_and_stands_first(project, capsys):
+    """Though its number is within tolerance: that of a statement is true or false."""
+    stored(project, scale=1.1)
+    claim(project, 1349.4, verdict="close", printed="fails")
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = capsys.readouterr().out
+    assert "2 verdicts changed, 1 numbers beyond tolerance" in output
+    header, first, second, third = output.splitlines()[1:5]
+    assert header.split() == ["claim", "or", "field", "old", "new", "margin", "in", "tolerances"]
+    assert first.split() == ["verdict", "of", "final_mass,", "corrected", "differs", "close", "0"]
+    assert second.split() == ["verdict", "of", "final_mass,", "printed", "–", "fails", "inf"]
+    assert third.split()[0] == "corrected/nominal/mass"
+
+
+def test_claims_that_are_new_or_gone_fail(project, capsys):
+    claim(project, 1349.4, names=("final_mass", "fuel"))
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = capsys.readouterr().out.splitlines()
+    assert ["verdict", "of", "fuel", "–", "differs", "inf"] in [line.split() for line in output]
+    claim(project, 1349.4, names=("fuel",))
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["verdict", "of", "final_mass", "differs", "–", "inf"] in output
+    assert ["claims/final_mass/corrected", "1349.4", "–", "inf"] in output
+
+
+@pytest.mark.parametrize(
+    ("change", "now"),
+    [
+        ({"printed": 1347}, "1347 kg, deterministic, last digit 1"),
+        ({"kind": "monte_carlo", "trials": 50}, "1346 kg, monte_carlo, last digit 1, 50 trials"),
+    ],
+)
+def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now):
+    """Though no verdict and no number moves."""
+    path = project / "report" / "claims" / f"{SLUG}.json"
+    (row,) = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps([{**row, **change}]), encoding="utf-8")
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = capsys.readouterr().out
+    assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in output
+    assert "1 printed claims differ from those accepted" in output
+    row = [cell for cell in output.splitlines()[2].split("  ") if cell]
+    assert row == ["the paper's final_mass", "1346 kg, deterministic, last digit 1", now, "inf"]
+    assert cli.main(["accept"]) == 0
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "data" / "reference").glob("*.json")), ids=lambda path: path.stem)
+def test_the_printed_claims_are_those_that_were_accepted(path):
+    """Without a build: a slip in `data/published` fails here; 'marsedl accept' takes a correction."""
+    published = ROOT / "data" / "published" / f"{path.stem}.yaml"
+    if published.exists():
+        accepted = committed.read_reference(ROOT, path.stem)
+        printed = {f"published/{claim.id}": reference._printed(claim) for claim in load_published(published)}
+        assert {name: entry for name, entry in accepted.items() if name.startswith("published/")} == printed
+
+
+def test_a_lost_artifact_fails(project, capsys):
+    (project / ARTIFACT).unlink()
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    output = capsys.readouterr().out
+    assert "2 missing" in output
+    assert "corrected/nominal/iterations  100" in output
+
+
+def test_missing_builds_and_references_are_refused(project, capsys):
+    (project / "data" / "reference" / f"{SLUG}.json").unlink()
+    assert cli.main(["verify", "--no-rebuild"]) == 2
+    assert "is missing; restore it, or write it with 'marsedl accept' after a full build" in capsys.readouterr().err
+    (project / "report" / "claims" / f"{SLUG}.json").unlink()
+    assert cli.main(["accept"]) == 2
+    assert "there is no full build to compare; run 'snakemake all'" in capsys.readouterr().err
+
+
+# -------------------------------------------------------------------------------------------------------------- accept
+
+
+def test_accept_shows_the_table_and_then_verify_agrees(project, capsys):
+    stored(project, scale=1.1)
+    claim(project, 1500.0, verdict="close")
+    before = reference_of(project)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    table = [line for line in capsys.readouterr().out.splitlines() if "tolerances" in line or "final_mass" in line]
+    assert cli.main(["accept"]) == 0
+    output = capsys.readouterr().out
+    assert len(table) > 2
+    assert all(line in output.splitlines() for line in table)
+    assert f"wrote {project / 'data' / 'reference' / f'{SLUG}.json'}" in output
+    assert reference_of(project) != before
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+
+
+def test_numbers_within_tolerance_keep_their_digits(project):
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    before = path.read_text(encoding="utf-8")
+    stored(project, scale=1 + 1e-9)
+    reference.accept_reference(project, PAPERS)
+    assert path.read_text(encoding="utf-8") == before
+    stored(project, scale=1 + 1e-9, iterations=200)
+    reference.accept_reference(project, PAPERS)
+    now = path.read_text(encoding="utf-8")
+    changes = set(now.splitlines()) ^ set(before.splitlines())
+    assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations"}
+
+
+def test_an_unexplained_verdict_is_not_accepted(project, capsys):
+    before = reference_of(project)
+    claim(project, 1500.0, reason=UNEXPLAINED)
+    assert cli.main(["accept"]) == 2
+    output = capsys.readouterr().err
+    assert "claim final_mass differs or fails without a reason" in output
+    assert "src/marsedl/papers/powered_descent/claims" in output
+    assert reference_of(project) == before
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "is not JSON"),
+        ('{"mass": {"shape": []}}', "'mass' is not a name of three parts"),
+        ('{"a/b/c": {"shape": [], "counts": false, "numbers": ["x"]}}', "has no list of numbers under 'numbers'"),
+    ],
+)
+@pytest.mark.parametrize("command", [("verify", "--no-rebuild"), ("accept",)], ids=" ".join)
+def test_damaged_references_are_refused_with_a_remedy(project, capsys, command, content, problem):
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    path.write_text(content, encoding="utf-8")
+    assert cli.main(list(command)) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith(f"marsedl: {path}: ")
+    assert problem in captured.err
+    assert captured.err.endswith(f"; restore it with 'git checkout data/reference/{SLUG}.json'\n")
+
+
+# ---------------------------------------------------------------------------------------------------------- two builds
+
+
+def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
+    copied = twice.copy_tree(project, tmp_path / "copy")
+    names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
+    assert names == {"Snakefile", f"data/reference/{SLUG}.json"}
+
+
+@pytest.mark.parametrize(
+    ("found", "shown"), [(("fails", "fuel"), {("fails", "–"), ("–", "fails")}), (("holds",), {("fails", "holds")})]
+)
+def test_a_counterexample_that_is_lost_new_or_another_one_is_a_change(project, capsys, found, shown):
+    counterexample(project, *found)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if ", counterexample" in line]
+    assert {tuple(row[-3:-1]) for row in rows} == shown
+
+
+def test_a_claim_that_nothing_turns_any_more_is_a_change(project, capsys):
+    counterexample(project, None)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    assert "not turned" in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------------------------------------ building a part again
+
+
+@pytest.mark.parametrize(("contents", "equal"), [(("1", "1"), True), (("1", "2"), False)])
+def test_the_second_build_makes_one_paper_and_the_corrected_flights_of_others(
+    project, monkeypatch, capsys, contents, equal
+):
+    """With other cores, chunks, hash seed, time zone and locale; a number that differs is named."""
+    calls, product = [], "data/cache/funnels/corrected/montecarlo.closed_loop.h5"
+
+    def fake(folder, *arguments, **environment):
+        calls.append((folder, arguments, environment))
+        for name in ("figures/x.csv", "data/cache/funnels/printed/gains.h5", product)[:: 1 if len(calls) == 1 else 2]:
+            path = build_folder(folder, "smoke") / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(contents[len(calls) - 1], encoding="utf-8")
+        return subprocess.CompletedProcess(arguments, 0, "what Snakemake said", "")
+
+    monkeypatch.setattr(twice, "snakemake", fake)
+    monkeypatch.setattr("marsedl.replication.records.differences.HDF5_SUFFIXES", ())
+    assert twice.build_twice(project) == equal
+    (one, first, here), (two, second, there) = calls
+    assert one != two
+    assert first[0] == "all"
+    assert {SLUG, product} < set(second)
+    assert not [word for word in second if "printed" in word]
+    assert first[first.index("--cores") + 1] != second[second.index("--cores") + 1]
+    assert first[-1] != second[-1]
+    assert all(here[varied] != there[varied] for varied in ("PYTHONHASHSEED", "TZ", "LC_ALL"))
+    output = capsys.readouterr().out
+    assert f"3 products, 2 of them built twice, {0 if equal else 2} differ" in output
+    assert (f"marsedl diff build/verify/0/build/smoke/{product}" in output) != equal
+
+
+def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
+    failed = subprocess.CompletedProcess((), 1, "what Snakemake said", "")
+    monkeypatch.setattr(twice, "snakemake", lambda *_, **__: failed)
+    with pytest.raises(MarsedlError, match="what Snakemake said"):
+        twice.build_twice(project)
+
+
+def test_what_rounding_decides_is_compared_by_shape(project, capsys):
+    stored(project, scale=1.1)
+    assert not reference.compare_reference(project, PAPERS)
+    assert reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/ma*",)})
+    assert "1 that rounding decides compared by shape" in capsys.readouterr().out
+    assert not reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/iterations",)})
+    path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
+    shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
+    store.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
+    assert not reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/mass",)})

@@ -1,0 +1,547 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Margin, Result
+from marsedl.replication.claims.numbers import format_number
+from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
+from marsedl.replication.claims.rows import read_claims, summary, write_claims
+from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect, judge
+from marsedl.replication.errors import ArtifactError, InputError
+
+DATA = Path(__file__).parents[3] / "data"
+PUBLISHED = DATA / "published"
+
+
+def claim(**changes):
+    base = PublishedClaim("paper", "mass", "Sec. V", "final mass", 1349, "kg", "deterministic", resolution=1)
+    return replace(base, **changes)
+
+
+def verdict(claim, value, *rest, close=None, **options):
+    return judge(claim, Evaluation(value, *rest, **options), Declaration(close=close)).verdict
+
+
+# ---------------------------------------------------------------------------------------------------- loading
+
+
+def load(tmp_path, text):
+    path = tmp_path / "paper.yaml"
+    path.write_text(text)
+    return load_published(path)
+
+
+ENTRY = """
+claims:
+  - id: mass
+    where: Sec. V
+    quantity: final mass
+    printed: 1349
+    unit: kg
+    resolution: 1
+    kind: monte_carlo
+    trials: 2000
+"""
+
+
+def test_every_published_file_loads():
+    for path in sorted(PUBLISHED.glob("*.yaml")):
+        assert load_published(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("unit: kg", "unit: kg\n    units: kg", [":8: claims.mass.units: unknown key", "'unit'"]),
+        ("kind: monte_carlo", "kind: montecarlo", [":9: claims.mass.kind", "'monte_carlo'"]),
+        ("kind: monte_carlo", "kind: qualitative", [":6: claims.mass.printed", "boolean"]),
+        ("    trials: 2000\n", "", [":3: claims.mass", "'trials' is missing"]),
+        ("resolution: 1", "resolution: 0", ["claims.mass.resolution", "positive"]),
+        ("printed: 1349", "printed: many", ["claims.mass.printed", "many"]),
+        ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 1.0e-3"]),
+        ("id: mass", "id: a mass", [":3: claims.'a mass'.id"]),
+        ("claims:", "claims: [", ["paper.yaml"]),
+    ],
+)
+def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, words):
+    assert load(tmp_path, ENTRY)
+    with pytest.raises(InputError) as error:
+        load(tmp_path, ENTRY.replace(old, new, 1))
+    for word in ["paper.yaml", *words]:
+        assert word in str(error.value)
+
+
+BENCHMARKS = """paper,quantity,value,unit,target,met
+one,"a solve, from nothing",0.25,s,< 1,yes
+other,"a solve, from nothing",4,s,,
+one,paper over ours,5.39e7,ratio,,
+"""
+
+
+def measured(tmp_path, text, paper="one"):
+    path = tmp_path / "benchmarks.csv"
+    path.write_text(text)
+    return load_measured(path, paper)
+
+
+def test_the_measured_rows_of_one_paper_load(tmp_path):
+    assert measured(tmp_path, BENCHMARKS) == {"a solve, from nothing": 0.25, "paper over ours": 5.39e7}
+    assert measured(tmp_path, BENCHMARKS, "other") == {"a solve, from nothing": 4.0}
+    assert measured(tmp_path, BENCHMARKS, "a third") == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("0.25", "fast"),
+        (",0.25,s,< 1,yes", ""),
+    ],
+)
+def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
+    with pytest.raises(InputError, match=r"benchmarks\.csv.*make bench"):
+        measured(tmp_path, BENCHMARKS.replace(old, new, 1))
+
+
+# ---------------------------------------------------------------------------------------------------- verdict rules
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1349, "reproduced"),
+        (1349.5, "reproduced"),
+        (1348.5, "reproduced"),
+        (1349.5001, "differs"),
+        (1348.4999, "differs"),
+    ],
+)
+def test_a_deterministic_scalar_reproduces_within_the_printed_rounding(value, expected):
+    assert verdict(claim(), value) == expected
+
+
+def test_the_rounding_edge_tolerates_floating_point_noise_and_no_more():
+    small = claim(printed=0.3, resolution=0.1)
+    assert verdict(small, 0.1 + 0.15) == "reproduced"  # 0.25 exactly on the edge, in binary a little off
+    assert verdict(small, 0.25 - 1e-8) == "differs"
+    huge = claim(printed=4.2828e13, resolution=1e9)
+    assert verdict(huge, 4.2828e13 + 0.5e9) == "reproduced"
+    assert verdict(huge, 4.2828e13 + 0.5e9 + 1e3) == "differs"
+
+
+def test_every_component_of_a_deterministic_vector_must_reproduce():
+    vector = claim(printed=[1.0, 20.0], resolution=[0.1, 10.0])
+    assert verdict(vector, [1.05, 25.0]) == "reproduced"
+    assert verdict(vector, [1.051, 20.0]) == "differs"
+    assert verdict(vector, [1.0, 14.99]) == "differs"
+    assert verdict(claim(printed=[1.0, 20.0], resolution=0.1), np.array([1.04, 19.96])) == "reproduced"
+    matrix = claim(printed=[[1, 2], [3, 4]], resolution=1)
+    assert verdict(matrix, [[1.4, 2.4], [3.4, 4.5]]) == "reproduced"
+    assert verdict(matrix, [[1.4, 2.4], [3.4, 4.6]]) == "differs"
+
+
+def test_monte_carlo_adds_half_a_digit_to_three_standard_errors_of_ours_and_the_papers():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    our_error = 0.3  # with 2000 trials: the paper's 500 have twice the error
+    combined = math.hypot(our_error, 2 * our_error)
+    edge = 0.5 + 3 * combined
+    for sign in (+1, -1):
+        inside = judge(printed, Evaluation(1349 + sign * (edge - 1.01 * our_error), our_error, 2000))
+        assert inside.verdict == "reproduced"
+        assert inside.z.largest == pytest.approx(sign * (3 - 1.01 * our_error / combined))
+        assert inside.z.component is None
+        assert inside.margin.distance == pytest.approx(1.01 * our_error / combined)
+        assert judge(printed, Evaluation(1349 + sign * (edge + 1.01 * our_error), our_error, 2000)).verdict == "differs"
+
+
+def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    our_error, far = 0.3, 0.5 + 3 * 0.3 * math.sqrt(5)
+    judged = judge(printed, Evaluation(1349 + far + 0.5 * our_error, our_error, 2000))
+    assert judged.verdict == "undetermined"
+    number = float(judged.doubt.split("about ")[1].split()[0].replace(",", ""))
+    # With so many trials and the same value it is decided.
+    settled = judge(
+        printed, Evaluation(1349 + far + 0.5 * our_error, our_error * math.sqrt(2000 / number), int(number))
+    )
+    assert settled.verdict == "differs"
+    assert number < 20_000
+
+
+def test_a_number_without_a_standard_error_decides_nothing():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    judged = judge(printed, Evaluation(1349.0, math.nan, 7))
+    assert (judged.verdict, judged.margin) == ("undetermined", None)
+    assert judged.doubt == "so few trials give no standard error"
+    both = replace(printed, printed=[1349, 1349])
+    assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
+
+
+def test_without_sampling_error_the_rule_is_the_deterministic_one():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    assert verdict(printed, 1349.5, 0.0, 10) == "reproduced"
+    assert verdict(printed, 1349.51, 0.0, 10) == "differs"
+
+
+def test_every_component_of_a_monte_carlo_vector_has_a_verdict_and_the_worst_is_named():
+    printed = claim(kind="monte_carlo", printed=[100.0, 50.0, 0.0], trials=1000, resolution=0.001)
+    errors = [1.0, 0.1, 0.01]
+    edge = [0.0005 + 3 * math.sqrt(2) * e for e in errors]
+    inside = judge(printed, Evaluation([100.0, 50 - 0.7 * edge[1], 0.5 * edge[2]], errors, 1000))
+    assert (inside.verdict, inside.z.component) == ("reproduced", (2,))
+    outside = judge(printed, Evaluation([100.0, 50.0, 1.4 * edge[2]], errors, 1000))
+    assert (outside.verdict, outside.z.component) == ("differs", (3,))
+    assert outside.components == ["reproduced", "reproduced", "differs"]
+    mixed = judge(printed, Evaluation([100.0, 50.0, edge[2]], errors, 1000))
+    assert (mixed.verdict, mixed.components) == ("undetermined", ["reproduced", "reproduced", "undetermined"])
+    matrix = claim(kind="monte_carlo", printed=[[1.0, 2.0]], trials=10, resolution=0.1)
+    judged = judge(matrix, Evaluation([[1.0, 9.0]], [[0.1, 0.1]], 10))
+    assert (judged.z.component, judged.components) == ((1, 2), [["reproduced", "differs"]])
+
+
+def test_what_cannot_fail_is_listed_and_not_counted():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    identity = Declaration(by_construction="an identity")
+    assert judge(statement, Evaluation(True, evidence="yes"), identity).verdict == "by_construction"
+    assert judge(statement, Evaluation(False, evidence="no"), identity).verdict == "fails"
+    assert judge(claim(), Evaluation(1349, by_construction="it is an input here")).verdict == "by_construction"
+    wrong = Evaluation(False, evidence="no", by_construction="a number of monomials")
+    assert judge(statement, wrong).verdict == "by_construction"
+    assert judge(statement, replace(wrong, failed=True)).verdict == "fails"
+    of_reading = {"corrected": {statement.id: Evaluation(True, evidence="yes")}}
+    counts = summary(collect([statement], {statement.id: identity}, of_reading))
+    assert counts["listed"]["by_construction"] == 1
+    assert sum(counts["counted"].values()) == 0
+
+
+def test_a_statement_in_doubt_is_undetermined():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    judged = judge(statement, Evaluation(True, evidence="yes", undetermined="noise decides"))
+    assert (judged.verdict, judged.doubt) == ("undetermined", "noise decides")
+
+
+def test_close_is_a_tolerance_stated_beforehand():
+    one_percent = Close("the step size is not stated", relative=0.01)
+    printed = claim(printed=-200.0, resolution=0.1)
+    assert verdict(printed, -200.04, close=one_percent) == "reproduced"
+    assert verdict(printed, -201.999, close=one_percent) == "close"
+    assert verdict(printed, -198.001, close=one_percent) == "close"
+    assert verdict(printed, -202.001, close=one_percent) == "differs"
+    assert verdict(printed, -200.5, close=Close("why", absolute=0.5)) == "close"
+    assert verdict(printed, -200.501, close=Close("why", absolute=0.5)) == "differs"
+    vector = claim(printed=[1.0, 0.0], resolution=0.01)
+    assert verdict(vector, [1.1, 0.2], close=Close("why", absolute=[0.1, 0.2])) == "close"
+    assert verdict(vector, [1.1, 0.21], close=Close("why", absolute=[0.1, 0.2])) == "differs"
+    assert verdict(vector, [1.001, 0.02], close=Close("a zero leaves no room", relative=0.5)) == "differs"
+    noisy = claim(kind="monte_carlo", trials=100, resolution=1.0)
+    assert verdict(noisy, 1360.0, 0.1, 100, close=one_percent) == "close"
+    with pytest.raises(ArtifactError, match="tolerance"):
+        verdict(vector, [2.0, 2.0], close=Close("why", absolute=[0.1]))
+
+
+@pytest.mark.parametrize(
+    "tolerances", [{}, {"relative": 0.1, "absolute": 1.0}, {"relative": 0.0}, {"absolute": math.nan}]
+)
+def test_close_needs_one_positive_tolerance(tolerances):
+    with pytest.raises(InputError):
+        Close("why", **tolerances)
+    with pytest.raises(InputError, match="reason"):
+        Close(" ", relative=0.1)
+
+
+@pytest.mark.parametrize(
+    ("printed", "computed", "expected"),
+    [(True, True, "holds"), (True, False, "fails"), (False, False, "holds"), (False, True, "fails")],
+)
+def test_a_statement_holds_if_the_test_decides_as_printed(printed, computed, expected):
+    statement = claim(kind="qualitative", printed=printed, resolution=None)
+    assert verdict(statement, computed, evidence="factor 0.011") == expected
+    assert verdict(statement, np.bool_(computed), evidence="factor 0.011") == expected
+
+
+def test_a_statement_needs_a_bool_and_evidence():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    with pytest.raises(ArtifactError, match="evidence"):
+        verdict(statement, True)
+    with pytest.raises(ArtifactError, match="true or false"):
+        verdict(statement, 1, evidence="one")
+
+
+def test_inputs_are_as_stated_only_if_used_literally():
+    speed = claim(kind="input", printed=6.1, resolution=0.1)
+    assert verdict(speed, 6.1 * (1 + 1e-12)) == "as_stated"
+    assert verdict(speed, 6.1001) == "not_as_stated"  # within the rounding, and yet not what is stated
+    infinite = claim(kind="input", printed=[0, math.inf])
+    assert verdict(infinite, [0.0, math.inf]) == "as_stated"
+    for finite in (1e7, 1e308, -math.inf, math.nan, None):
+        assert verdict(infinite, [0.0, finite]) == "not_as_stated"
+    assert verdict(claim(kind="input", printed=True, resolution=None), False) == "not_as_stated"
+    assert verdict(claim(kind="input", printed="ZEM", resolution=None), "ZEM") == "as_stated"
+    assert verdict(claim(kind="input", printed=1, resolution=None), True) == "not_as_stated"
+
+
+def test_undetermined_and_quoted_do_not_depend_on_values():
+    for value in (None, 5.0, [1, 2]):
+        assert verdict(claim(kind="undetermined"), value) == "undetermined"
+        assert verdict(claim(kind="context"), value) == "quoted"
+
+
+def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
+    assert verdict(claim(), None) is None
+
+
+def test_a_value_that_is_not_finite_never_reproduces():
+    assert verdict(claim(), math.nan) == "differs"
+    assert verdict(claim(), math.inf, close=Close("why", relative=1.0)) == "differs"
+    judged = judge(claim(kind="monte_carlo", trials=10), Evaluation(math.nan))
+    assert (judged.verdict, judged.z) == ("differs", None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "evaluation", "word"),
+    [
+        ({}, Evaluation([1.0]), "shape"),
+        ({}, Evaluation(True), "numbers"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
+    ],
+)
+def test_an_unusable_evaluation_is_refused_by_name(changes, evaluation, word):
+    with pytest.raises(ArtifactError, match=rf"paper: claim mass: .*{word}"):
+        judge(claim(**changes), evaluation)
+
+
+# ---------------------------------------------------------------------------------------------------- collecting
+
+CLAIMS = [
+    claim(),
+    claim(id="converges", kind="qualitative", printed=True, resolution=None, unit="1"),
+    claim(id="isp", kind="input", printed=210, unit="s"),
+    claim(id="effort", kind="undetermined", printed=[12, 32], unit="h, cores"),
+    claim(id="msl", kind="context", printed=20, unit="km"),
+    claim(id="mean", kind="monte_carlo", printed=[100.1, 49.8], resolution=0.1, trials=2000, unit="m"),
+]
+DECLARED = {
+    "mean": Declaration("The step is too long: {value[1]:.2f} m (z = {z:.1f}); {target4[value][1]:.1f} m.", ("E11",)),
+    "mass": Declaration("{printed[prior]:.1f} kg against {prior:.1f} kg.", errata=("E5", "E17")),
+}
+
+
+def evaluations(**changes):
+    values = {
+        "mass": Evaluation(1349.4, numbers={"prior": 1349.44}),
+        "converges": Evaluation(True, evidence="largest factor 0.011."),
+        "isp": Evaluation(210.0),
+        "effort": None,
+        "mean": Evaluation([100.0, 50.0], [0.05, 0.01], 2000),
+    }
+    return {**values, **changes}
+
+
+def readings():
+    return {
+        "printed": evaluations(mass=Evaluation(1355.0, numbers={"prior": np.float64(1354.9)})),
+        "corrected": evaluations(isp=Evaluation(211)),
+        "target4": evaluations(converges=None),
+    }
+
+
+def collected():
+    return collect(CLAIMS, DECLARED, readings(), known_errata=["E5", "E11", "E17"])
+
+
+def test_rows_show_the_default_reading_first_and_keep_every_reading():
+    rows = {row.id: row for row in collected()}
+    assert list(rows) == [c.id for c in CLAIMS]
+    mass = rows["mass"]
+    assert (mass.verdict, mass.reading) == ("reproduced", "corrected")
+    assert list(mass.readings) == ["corrected", "printed", "target4"]
+    assert mass.readings["printed"].verdict == "differs"
+    assert mass.reason == "E5, E17. 1354.9 kg against 1349.4 kg."
+    assert set(Claim.model_fields) - set(mass.written()) == {"counterexample", "thin"}
+    assert mass.written()["readings"]["printed"].keys() == Result.model_fields.keys()
+    assert rows["converges"].readings["target4"].verdict is None
+    assert rows["effort"].verdict == "undetermined"
+    assert rows["msl"].verdict == "quoted"
+    # an input is checked in the reading that must use it, and visibly not in the others
+    assert (rows["isp"].verdict, rows["isp"].reading) == ("as_stated", "printed")
+    assert rows["isp"].readings["corrected"].verdict == "not_as_stated"
+    mean = rows["mean"]
+    assert mean.verdict == "differs"
+    assert mean.readings["corrected"].z.component == (2,)
+    assert mean.reason.startswith("E11. The step is too long: 50.00 m (z = 10.6)")
+    assert mean.reason.endswith("; 50.0 m.")
+
+
+def test_readings_can_be_compared_at_equal_numbers_of_trials():
+    mean = next(claim for claim in CLAIMS if claim.id == "mean")
+    large = readings()["corrected"]["mean"]
+    small = replace(large, trials=large.trials // 2)
+    rows = collect(CLAIMS, DECLARED, readings(), at_equal_trials={"corrected": {mean.id: small}})
+    results = next(row for row in rows if row.id == mean.id).readings
+    assert results["corrected"].at_equal_trials.trials == small.trials
+    assert results["printed"].at_equal_trials is None
+    judged = judge(mean, small, DECLARED["mean"])
+    assert results["corrected"].at_equal_trials.margin == judged.margin != results["corrected"].margin
+
+
+def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
+    statement = next(claim for claim in CLAIMS if claim.id == "converges")
+
+    def at_equal_trials(value, scale):
+        margin = Margin(measure="growth", value=0.2, limit=1.0, unit="", distance=8.0, scale=scale, standard_error=0.1)
+        large = Evaluation(True, trials=1000, evidence="0.2", margin=margin)
+        small = replace(large, trials=100, margin=margin.model_copy(update={"value": value, "distance": 2.0}))
+        of_readings = {**readings(), "corrected": evaluations(converges=large)}
+        rows = collect(CLAIMS, DECLARED, of_readings, at_equal_trials={"corrected": {statement.id: small}})
+        return next(row for row in rows if row.id == statement.id).readings["corrected"].at_equal_trials
+
+    assert at_equal_trials(0.21, "standard errors").margin.value == 0.21
+    assert at_equal_trials(0.2, "limits").trials == 100
+    assert at_equal_trials(0.2, "standard errors") is None
+
+
+def evaluations_of(name, **options):
+    return {name: replace(evaluations()[name], **options)}
+
+
+@pytest.mark.parametrize(
+    "declaration",
+    [None, Declaration(), Declaration("It just differs."), Declaration("", ("E1",)), Declaration(" ", withheld=("h",))],
+)
+@pytest.mark.parametrize("name", ["mass", "converges"])
+def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(name, declaration):
+    published = [c for c in CLAIMS if c.id == name]
+    bad = Evaluation(1300.0) if name == "mass" else Evaluation(False, evidence="factor 1.2.")
+    declared = {} if declaration is None else {name: declaration}
+    with pytest.raises(InputError, match=rf"claim {name}: .*without a reason"):
+        collect(published, declared, {"corrected": {name: bad}})
+    for good in (Declaration("Because.", ("E1",)), Declaration("Because.", withheld=("the step",))):
+        assert collect(published, {name: good}, {"corrected": {name: bad}})[0].verdict in ("differs", "fails")
+    # only the verdict that is shown first must be explained
+    fine = evaluations_of(name)
+    assert collect(published, declared, {"corrected": fine, "printed": {name: bad}})
+
+
+def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
+    declared = {"mass": Declaration("Here {value:.0f}, there {elsewhere[value][0]:.2f}.", ("E1",))}
+    evaluations = {"corrected": {"mass": Evaluation(1355.0)}}
+    (row,) = collect([CLAIMS[0]], declared, evaluations, left_out=["elsewhere"])
+    assert row.reason == "E1. Here 1355, there not built."
+    with pytest.raises(InputError, match="elsewhere"):
+        collect([CLAIMS[0]], declared, evaluations)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r, d: r["corrected"].pop("mass"), ["corrected", "without an evaluator", "mass"]),
+        (lambda r, d: r["target4"].update(mas=None), ["target4", "unknown claim", "mas;", "'mass'"]),
+        (lambda r, d: r.pop("corrected"), ["no evaluations of reading corrected"]),
+        (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
+        (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
+        (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["claim mass", "unknown erratum", "E99"]),
+        (
+            lambda r, d: d.update(converges=Declaration(close=Close("why", relative=0.1))),
+            ["claim converges", "no tolerance"],
+        ),
+        (
+            lambda r, d: r["corrected"].update(mass=Evaluation(1349.0, numbers={"printed": 1.0})),
+            ["claim mass", "'printed'", "reading"],
+        ),
+    ],
+)
+def test_mistakes_of_a_paper_are_named(change, words):
+    evaluations, declared = readings(), dict(DECLARED)
+    change(evaluations, declared)
+    with pytest.raises(InputError) as error:
+        collect(CLAIMS, declared, evaluations, known_errata=["E5", "E11", "E17"])
+    for word in ["paper", *words]:
+        assert word in str(error.value)
+
+
+# ---------------------------------------------------------------------------------------------------- files and tables
+
+
+def test_json_is_deterministic_complete_and_without_nan(tmp_path):
+    evaluations = readings()
+    evaluations["printed"]["mass"] = Evaluation(np.float64("nan"), numbers={"prior": math.nan})
+    evaluations["printed"]["mean"] = Evaluation([math.inf, 1 / 3], [math.nan, 0.1], np.int64(2000))
+    rows = collect([*CLAIMS, claim(id="weights", kind="input", printed=[0, math.inf])], DECLARED, {
+        name: {**values, "weights": Evaluation([0, math.inf])} for name, values in evaluations.items()
+    })  # fmt: skip
+    paths = tmp_path / "a" / "claims.json", tmp_path / "b.json"
+    for path in paths:
+        write_claims(rows, path)
+    content = paths[0].read_bytes()
+    assert content == paths[1].read_bytes()
+    assert content.endswith(b"]\n")
+    assert not any(word in content for word in (b"NaN", b"Infinity"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b.json"]
+    back = read_claims(paths[0])
+    assert back == rows
+    by_id = {row.id: row for row in back}
+    assert by_id["mass"].readings["printed"].value is None
+    assert by_id["mass"].readings["printed"].verdict == "differs"
+    assert by_id["mean"].readings["printed"].value == [None, 1 / 3]  # no digit is lost
+    assert by_id["weights"].printed == [0, "inf"]
+    assert by_id["weights"].verdict == "as_stated"
+
+
+def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
+    path = tmp_path / "claims.json"
+    write_claims(collected(), path)
+    before = path.read_bytes()
+    damaged = collected()[0].model_copy(update={"printed": math.nan})
+    for bad in ([damaged], [*collected(), *collected()]):
+        with pytest.raises(ArtifactError, match=r"claims.json"):
+            write_claims(bad, path)
+        assert path.read_bytes() == before
+    with pytest.raises(ArtifactError, match=r"none.json"):
+        read_claims(tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(ArtifactError, match=r"bad.json"):
+        read_claims(tmp_path / "bad.json")
+
+
+def test_inputs_and_quotations_are_never_counted():
+    counts = summary(collected())
+    assert list(counts["counted"]) == list(COUNTED_VERDICTS)
+    assert counts["counted"] == {
+        "reproduced": 1, "close": 0, "differs": 1, "holds": 1, "fails": 0, "undetermined": 1,
+    }  # fmt: skip
+    assert counts["listed"] == {"as_stated": 1, "not_as_stated": 0, "quoted": 1, "by_construction": 0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((1349.3841, 0.0468), "1349.384 ± 0.047"),
+        ((-0.0047, 0.0056), "-0.0047 ± 0.0056"),
+        ((1.23e-5, 2e-7), "(1.230 ± 0.020)e-5"),
+        ((123456.0, 2345.0), "123456 ± 2345"),
+        ((4.85e-4, None, 1e-6), "4.85e-4"),
+        ((4.2828e13, None, 1e9), "4.2828e13"),
+        ((2 / 3,), "0.666667"),
+        ((None,), "–"),
+    ],
+)
+def test_numbers_are_written_as_a_reader_expects(arguments, expected):
+    assert format_number(*arguments) == expected
+
+
+# -------------------------------------------------------------------------------------------------------- damaged files
+
+
+def test_damaged_claims_are_refused_with_a_remedy(tmp_path):
+    path = tmp_path / "claims.json"
+    for content, problem in (("", "is not JSON"), ("{}", "is not a list of claims"), ('[{"id": 1}]', "0.paper: ")):
+        path.write_text(content, encoding="utf-8")
+        with pytest.raises(ArtifactError) as caught:
+            read_claims(path)
+        assert str(caught.value).startswith(f"{path}: {problem}")
+        assert str(caught.value).endswith("; delete the file and run 'snakemake claims'")

@@ -1,0 +1,363 @@
+"""Inputs and readings: what is accepted means what is written, and anything else is one clear message."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs.readings import SETTINGS, load_studies, load_study, read_own_file
+from marsedl.replication.inputs.sections import Inputs, Number, Positive, Section, vector
+from marsedl.replication.inputs.sections import given as declared
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIG = CONFIGS / "powered_descent.yaml"
+SOURCE = "assumed: test"
+
+
+def reading_file(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
+    """Write a user's file with one reading whose inputs are the given lines of YAML."""
+    path = tmp_path / "mine.yaml"
+    text = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
+    for section in dict.fromkeys(section_of(line) for line in lines):
+        text.append(f"      {section}:")
+        text += [f"        {line}" for line in lines if section_of(line) == section]
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    return path
+
+
+def section_of(line) -> str:
+    """The section in which a line sets an input, of whatever suffix; the first for what is no input."""
+    key = line.partition(":")[0]
+    fields = {name: section for section, of in MODEL.sections().items() for name in of.model_fields}
+    names = [name for name in fields if key == name or key.startswith(f"{name}_")]
+    return fields[max(names, key=len)] if names else "planet"
+
+
+def load(path):
+    """Load the studies with a user's file, as `snakemake --configfile` and `marsedl --configfile` do."""
+    config = read_own_file(path, ("powered_descent", *SETTINGS))
+    return load_studies({"powered_descent": MODEL}, CONFIGS, config, [path])["powered_descent"]
+
+
+def refused(path, *fragments) -> str:
+    """Load a user's file, which must be refused in one line that names the file and holds all fragments."""
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert len(message) < 1000
+    for fragment in (str(path), *fragments):
+        assert fragment in message
+    return message
+
+
+TRIALS = "    ensemble: {trials: 200, large_trials: 3000, companion_trials: 3000, drawn_trials: 20}\n"
+SMOKE = "  smoke:\n    readings: [printed, "
+
+
+def project(tmp_path, old="", new="", count=1):
+    """A folder of configurations with one edit in the paper's file."""
+    text = CONFIG.read_text(encoding="utf-8")
+    assert not old or text.count(old) == count
+    path = tmp_path / "powered_descent.yaml"
+    path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
+    return path
+
+
+# ------------------------------------------------------------------------------------------------- what is accepted
+
+
+def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
+    line = f"noise_coefficient: {{value: 0.03, source: '{SOURCE}'}}"
+    study = load(reading_file(tmp_path, line))
+    mine, base = study.readings["mine"], study.readings["corrected"]
+    assert mine.inputs.noise.noise_coefficient == 0.03
+    assert mine.inputs.plain() | {"noise.noise_coefficient": 0.02} == base.inputs.plain()
+    assert set(mine.differences()) == {"noise.noise_coefficient"}
+    assert mine.sources["planet.gravity"] == study.readings["printed"].sources["planet.gravity"]
+
+
+def test_suffixes_convert_to_si(tmp_path):
+    path = reading_file(
+        tmp_path,
+        f"initial_velocity_angle_deg: {{value: 90, source: '{SOURCE}'}}",
+        f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
+        f"initial_position_km: {{value: [0.25, 0.5], source: '{SOURCE}'}}",
+    )
+    read = load(path).readings["mine"].inputs
+    assert read.entry.initial_velocity_angle == pytest.approx(math.pi / 2, rel=1e-15)
+    assert read.entry.initial_speed == pytest.approx(50.0, rel=1e-15)
+    assert read.entry.initial_position == pytest.approx((250.0, 500.0), rel=1e-15)
+
+
+class Turn(Section):
+    """Inputs in units that must be written with a suffix, one of which may be missing."""
+
+    acceleration_bound: Positive = declared("rad/s^2", "a bound")
+    acceleration_bounds: vector(2) = declared("rad/s^2", "two bounds")
+    final_rate: Number | None = declared("rad/s", "a rate, or none")
+
+
+class Turning(Inputs):
+    """Inputs of one section."""
+
+    turn: Turn
+
+
+def turning(tmp_path, **changes):
+    """A reading of these inputs, each as it is written in YAML."""
+    bounds = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": "[180.0, -90]"}
+    bounds |= {"final_rate_deg_s": "null"} | changes
+    lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in bounds.items()]
+    path = tmp_path / "turning.yaml"
+    path.write_text("\n".join(["readings:", "  mine:", "    summary: A test.", "    turn:", *lines, "chunks: {}"]))
+    return load_study("turning", Turning, path).readings["mine"]
+
+
+def test_angular_accelerations_are_written_in_degrees(tmp_path):
+    read = turning(tmp_path).inputs.turn
+    assert read.acceleration_bound == pytest.approx(math.pi / 36, rel=1e-15)
+    assert read.acceleration_bounds == pytest.approx((math.pi, -math.pi / 2), rel=1e-15)
+    with pytest.raises(InputError, match=r"turn\.acceleration_bound_deg_s2: .*number.*None"):
+        turning(tmp_path, acceleration_bound_deg_s2="null")
+
+
+def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
+    mine = turning(tmp_path)
+    assert mine.inputs.turn.final_rate is None and mine.sources["turn.final_rate"].key == "final_rate_deg_s"
+    assert turning(tmp_path, final_rate_deg_s=180.0).inputs.turn.final_rate == pytest.approx(math.pi, rel=1e-15)
+
+
+def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
+    whole = "[[5.0, 0.5, 0, 0], [0.5, 0.25, 0, 0], [0, 0, 0.25, 0.1], [0, 0, 0.1, 0.25]]"
+    path = reading_file(
+        tmp_path,
+        f"final_covariance: {{value: {whole}, source: '{SOURCE}'}}",
+        f"initial_covariance: {{value: [4, 3, 2, 1], source: '{SOURCE}'}}",
+    )
+    read = load(path).readings["mine"].inputs
+    np.testing.assert_array_equal(read.mission.final_covariance, yaml.safe_load(whole))
+    np.testing.assert_array_equal(read.entry.initial_covariance, np.diag([4.0, 3, 2, 1]))
+
+
+def test_every_reading_of_the_project_is_complete_and_sourced():
+    study = load_study("powered_descent", MODEL, CONFIG)
+    assert {"printed", "corrected"} <= set(study.readings)
+    assert study.readings["printed"].frozen
+    for reading in study.readings.values():
+        assert set(reading.sources) == set(MODEL.names())
+        assert all(source.source.strip() for source in reading.sources.values())
+
+
+def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone():
+    full, smoke = (load_study("powered_descent", MODEL, CONFIG, size=size).readings for size in ("full", "smoke"))
+    assert full["corrected"].inputs.ensemble.trials > smoke["corrected"].inputs.ensemble.trials == 200
+    assert {size["plus_sign"].inputs.ensemble.companion_trials for size in (full, smoke)} == {0}
+    for name in full:
+        assert full[name].sources == smoke[name].sources
+        assert full[name].inputs.planet.gravity == smoke[name].inputs.planet.gravity
+
+
+def test_a_size_limits_every_number_of_a_list(tmp_path):
+    text = CONFIG.read_text(encoding="utf-8").replace("  smoke:\n", "  smoke:\n    mission: {final_mean: 0.5}\n", 1)
+    (tmp_path / "p.yaml").write_text(text, encoding="utf-8")
+    smoke, full = (
+        load_study("powered_descent", MODEL, tmp_path / "p.yaml", size=s).readings for s in ("smoke", "full")
+    )
+    expected = np.minimum(full["corrected"].inputs.mission.final_mean, 0.5)
+    np.testing.assert_array_equal(smoke["corrected"].inputs.mission.final_mean, expected)
+    assert expected.max() < full["corrected"].inputs.mission.final_mean.max()
+
+
+def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tmp_path):
+    mine = {"powered_descent": {"readings": {"mine": {"based_on": "corrected"}}}}
+    full, smoke = (
+        load_studies({"powered_descent": MODEL}, CONFIGS, {**mine, "size": size})["powered_descent"]
+        for size in ("full", "smoke")
+    )
+    assert set(full.compared) == set(full.readings) == set(smoke.readings)
+    assert {"printed", "corrected", "mine"} <= set(smoke.compared) < set(full.compared)
+    assert "plus_sign" in set(full.compared) - set(smoke.compared)
+
+
+def test_slices_hold_what_is_asked_in_the_order_of_names():
+    reading = load_study("powered_descent", MODEL, CONFIG).readings["corrected"]
+    names = ["planet.gravity", "ensemble.trials"]
+    assert reading.slice(names) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
+    assert list(reading.slice(names)) == ["ensemble.trials", "planet.gravity"]
+
+
+# ------------------------------------------------------------------------------------------- what is refused: values
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "fragments"),
+    [
+        ("gravty", "3.7", ["gravty: unknown key", "did you mean 'gravity'?"]),
+        ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
+        ("segment_durations", "[26.0]", ["2 items"]),
+        ("gravity", ".nan", ["finite"]),
+        ("gravity", "1e3", ["number", "with a point, as in 1.0e-3"]),
+        ("trials", "2000.0", ["integer"]),
+        ("large_trials", "-1", ["greater than or equal to 0"]),
+        ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
+        ("design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
+        ("wet_mass", "1.0e+308", ["1e+308 is neither 0 nor between 1e-30 and 1e+30", "check the number and its unit"]),
+        ("drawn_trials", "1000000000", ["drawn_trials", "at most 10000: a figure shows no more"]),
+        ("integrator", "rk5", ["rk4", "euler_maruyama"]),
+        ("final_covariance", "[5.0, -0.25, 0.25, 0.25]", ["not positive definite", "-0.25"]),
+        ("final_covariance", "[[1, 0.1, 0, 0], [0.2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+         ["not symmetric", "entry (1, 2) is 0.1", "entry (2, 1) is 0.2"]),
+        ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
+        ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
+        ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
+    ],
+)  # fmt: skip
+def test_malformed_values_are_refused(tmp_path, key, value, fragments):
+    message = refused(reading_file(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
+    assert "readings.mine" in message and section_of(key) in message
+
+
+@pytest.mark.parametrize(
+    ("line", "fragments"),
+    [
+        ("gravity: 3.7", ["planet.gravity", "must be keys with values, not 3.7", "source, unit, value"]),
+        ("gravity: {value: 3.7}", ["planet.gravity", "'source' is missing"]),
+        ("gravity: {value: 3.7, sorce: Eq. 1}", ["sorce: unknown key", "did you mean 'source'?"]),
+        ("gravity: {value: 3.7, source: 'assumed: '}", ["planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
+        ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
+    ],
+)
+def test_malformed_entries_are_refused(tmp_path, line, fragments):
+    refused(reading_file(tmp_path, line), *fragments)
+
+
+def test_one_input_under_two_keys_is_refused(tmp_path):
+    path = reading_file(
+        tmp_path,
+        f"initial_speed: {{value: 50.0, source: '{SOURCE}'}}",
+        f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
+    )
+    refused(path, "'initial_speed' is set twice", "initial_speed_km_s")
+
+
+# ----------------------------------------------------------------------------------------- what is refused: readings
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("readings: {mine: {based_on: corected}}", ["mine.based_on", "'corected'", "did you mean 'corrected'?"]),
+        ("readings: {a: {based_on: b}, b: {based_on: c}, c: {based_on: a}}", ["based_on", "itself"]),
+        ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name belongs to", "based_on"]),
+        ("readings: {Mine: {based_on: corrected}}", ["readings.Mine", "lower case"]),
+        ("readings: {mine: {based_on: corrected, summary: [a]}}", ["mine.summary", "valid string"]),
+        ("readings: {mine: {based_on: corrected, seed: {value: 7, source: Eq. 1}}}",
+         ["mine.seed: stands in the section 'ensemble'; write 'ensemble: {seed: ...}'"]),
+        ("readings: {mine: {based_on: corrected, planet: {seed: {value: 7, source: Eq. 1}}}}",
+         [":2: ", "mine.planet.seed: unknown key; it stands in the section 'ensemble'"]),
+        ("readings: {mine: {based_on: corrected, planet: {source: '', gravity: {value: 3.7}}}}",
+         ["mine.planet.gravity.source: say where"]),
+    ],
+)  # fmt: skip
+def test_malformed_readings_are_refused(tmp_path, text, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"powered_descent:\n  {text}\n", encoding="utf-8")
+    refused(path, *fragments)
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("powerd_descent: {readings: {}}", ["powerd_descent: unknown key", "did you mean 'powered_descent'?"]),
+        ("- powered_descent", ["keys with values"]),
+        ("chunks: 0", ["chunks", "greater than or equal to 1"]),
+        ("size: tiny", ["no such size", "smoke"]),
+    ],
+)
+def test_malformed_top_levels_are_refused(tmp_path, text, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load(path)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# -------------------------------------------------------------------------------------------- what is refused: files
+
+
+@pytest.mark.parametrize(
+    ("content", "fragments"),
+    [
+        (b"powered_descent:\n  readings: {mine: {based_on: corrected}\n", ["not valid YAML"]),
+        (
+            b"powered_descent: {readings: {}}\npowered_descent: {readings: {}}\n",
+            ["line 2", "'powered_descent'", "twice"],
+        ),
+        (b"powered_descent: !!python/object/apply:os.getcwd []\n", ["line 1", "the tag"]),
+    ],
+)
+def test_malformed_files_are_refused(tmp_path, content, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content)
+    message = refused(path, *fragments)
+    assert "Traceback" not in message
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    refused(tmp_path / "none.yaml", "cannot be read (No such file or directory); check its path and permissions")
+    refused(tmp_path, "cannot be read (Is a directory)")
+
+
+def test_names_that_pandas_reads_as_missing_are_refused(tmp_path):
+    from pandas._libs.parsers import STR_NA_VALUES
+
+    names = [name for name in STR_NA_VALUES if re.fullmatch("[a-z][a-z0-9_]*", name)]
+    assert {"nan", "null"} <= set(names)
+    for name in names:
+        path = reading_file(tmp_path, name=f'"{name}"')
+        refused(path, str(path), f"readings.{name}: pandas reads the name '{name}' in a table as no value; rename it")
+
+
+# -------------------------------------------------------------------------------------- what is refused: the project's
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fragments"),
+    [
+        ("gravity: {value: 3.71", "gravity: {value: 3.72", ["readings.printed", "is frozen", "based_on: printed"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "greater than or equal to 1"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["chunks.closed_lop: unknown key; did you mean"]),
+        ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
+        (TRIALS, TRIALS.replace("200", "few", 1), ["sizes.smoke.ensemble.trials", "valid number", "few"]),
+        (TRIALS, TRIALS.replace("200", "0.5", 1), ["sizes.smoke.ensemble.trials", "whole number"]),
+        (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
+        (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
+    ],
+)  # fmt: skip
+def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):
+    path = project(tmp_path, old, new)
+    with pytest.raises(InputError) as caught:
+        load_study("powered_descent", MODEL, path, size="smoke")
+    for fragment in (str(path), *fragments):
+        assert fragment in str(caught.value)
+
+
+def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
+    lines = "source: Eq. 9", "wet_mass: {value: 3.0}", "specific_impulse: {value: 4.0, source: Eq. 8}"
+    path = tmp_path / "mine.yaml"
+    head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      vehicle:\n"
+    path.write_text(head + "".join(f"        {line}\n" for line in lines), encoding="utf-8")
+    sources = load(path).readings["mine"].sources
+    assert sources["vehicle.wet_mass"].source == "Eq. 9"
+    assert sources["vehicle.specific_impulse"].source == "Eq. 8"
+    path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
+    refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")

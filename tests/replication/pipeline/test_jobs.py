@@ -1,0 +1,305 @@
+"""What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.inputs.sections import Number, Section, given, vector
+from marsedl.replication.pipeline import jobs, numerics
+from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.pipeline.injection import Arguments
+from marsedl.replication.pipeline.libraries import versions_used
+from marsedl.replication.records import fields, store
+from marsedl.replication.records.recipes import recipe_digest
+
+SOURCE = Path(__file__).parents[3] / "src"
+LIBRARIES = versions_used(frozenset({"numpy"}))
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A test artifact."""
+
+    value: np.ndarray = fields.quantity("m", (2,), "two numbers")
+
+
+class Named(dict):
+    """Stands for Snakemake's named lists: items by name, by position and as attributes."""
+
+    def __getattr__(self, name):
+        return self[name]
+
+    def __getitem__(self, key):
+        return list(self.values())[key] if isinstance(key, int) else super().__getitem__(key)
+
+
+def job_of(tmp_path, *, libraries=LIBRARIES, **build):
+    made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries}
+    return SimpleNamespace(
+        params=Named({"paper": "p", "made": made, "build": {"size": "smoke", "artifacts": {}, **build}}),
+        input=Named(),
+        output=Named(out=str(tmp_path / "out.h5")),
+        wildcards=Named(reading="r"),
+        log=Named(log=str(tmp_path / "logs" / "job.log")),
+        rule="p_stage",
+        scriptdir=str(Path.cwd() / "workflow" / "rules" / ".." / "scripts"),  # as Snakemake has it
+    )
+
+
+@pytest.fixture
+def pinned(monkeypatch, tmp_path):
+    beside = dict.fromkeys(("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES"), "0")
+    for name, value in {**numerics.NUMERIC_ENVIRONMENT, **beside}.items():
+        monkeypatch.setenv(name, value)
+
+
+def save_thing(path, reading="r", value=(1.0, 2.0)):
+    store.save(path, Thing(np.array(value)), paper="p", reading=reading, provenance={})
+    return str(path)
+
+
+def made_artifact(folder, name, inputs, *needs, **changes):
+    """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
+    snakemake = job_of(folder, artifacts=dict(needs))
+    digests = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
+    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, "needs": digests, **changes}
+    jobs.Job(snakemake).save(str(folder / name), Thing(np.array([1.0, 2.0])), recipe)
+    return str(folder / name), ("p", "r", recipe)
+
+
+# -------------------------------------------------------------------------------------------------------- environment
+
+
+def test_the_numeric_environment_is_pinned_for_children():
+    code = "import os, sys; from pathlib import Path; from marsedl.replication.pipeline import numerics\n"
+    code += f"numerics.pin_numerics(Path({str(SOURCE.parent)!r})); numerics.assert_numerics()\n"
+    code += "assert 'numpy' not in sys.modules\n"
+    code += "assert not {'NUMBA_CPU_NAME', 'NUMBA_DISABLE_JIT', 'GLIBC_TUNABLES'} & {*os.environ}\n"
+    code += "print(os.environ['OPENBLAS_CORETYPE'], os.environ['OMP_NUM_THREADS'], os.environ['NUMBA_CACHE_DIR'])"
+    clean = {name: value for name, value in os.environ.items() if name not in numerics.NUMERIC_ENVIRONMENT}
+    clean |= {"NUMBA_CPU_NAME": "generic", "NUMBA_DISABLE_JIT": "1", "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2"}
+    process = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
+    core, threads, cache = process.stdout.split()
+    assert (core, threads) == ("Haswell", "1")
+    assert Path(cache).parent == SOURCE.parent / ".cache" / "numba"
+
+
+def test_an_unpinned_environment_is_refused(pinned, monkeypatch):
+    numerics.assert_numerics()
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("PYTHONHASHSEED")
+    with pytest.raises(MarsedlError, match=r"OMP_NUM_THREADS, PYTHONHASHSEED.*start jobs through snakemake"):
+        numerics.assert_numerics()
+
+
+def test_a_processor_without_avx2_is_refused_before_anything_runs(monkeypatch, tmp_path):
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: {"sse4.2": True, "avx": True})
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    with pytest.raises(MarsedlError, match="has no AVX2 and FMA"):
+        numerics.pin_numerics(tmp_path)
+
+
+def test_settings_of_numba_in_the_folder_are_refused(monkeypatch, tmp_path):
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MarsedlError, match=r"/\.numba_config\.yaml: numba would read it in every job; move it away"):
+        numerics.pin_numerics(tmp_path)
+
+
+# ------------------------------------------------------------------------------------------------- inputs and artifacts
+
+
+class Plant(Section):
+    """A test section."""
+
+    covariance: vector(2) = given("m^2", "two variances")
+    speed: Number = given("m/s", "speed")
+
+
+def test_a_section_has_the_inputs_that_were_given_and_no_others():
+    def stage(plant: Plant):
+        """Only its annotations are read."""
+
+    section = Arguments({"plant.covariance": [1, 2]}).of(stage)["plant"]
+    np.testing.assert_array_equal(section.covariance, [1.0, 2.0])
+    assert section.covariance.dtype == float
+    with pytest.raises(AttributeError, match=r"the input 'speed' was not given: .* reads as 'plant\.speed'"):
+        _ = section.speed
+
+
+def artifacts_of(*paths):
+    """Params of a job that is given these files."""
+    return {str(path): ("p", "r", {}) for path in paths}
+
+
+def test_arguments_are_loaded_by_annotation(tmp_path):
+    def stage(one: Thing, chunks: list[Thing], maybe: Thing | None = None):
+        """Only its annotations are read."""
+
+    files = [save_thing(tmp_path / "one.h5"), *(save_thing(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(*files))
+    snakemake.input = Named(one=files[0], chunks=files[1:])
+    loaded = jobs.Job(snakemake).given().of(stage)
+    assert set(loaded) == {"one", "chunks"}
+    np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])
+    assert [thing.value[0] for thing in loaded["chunks"]] == [0.0, 1.0, 2.0]
+
+
+def test_many_artifacts_come_as_one_dataclass(tmp_path):
+    @dataclass(frozen=True)
+    class Records(Artifacts):
+        one: Thing
+        maybe: Thing | None = None
+
+    def evaluate(records: Records):
+        """Only its annotations are read."""
+
+    evaluate.__annotations__["records"] = Records
+    Records.__annotations__.update(one=Thing, maybe=Thing | None)
+    path = save_thing(tmp_path / "one.h5")
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
+    snakemake.input = Named(one=path)
+    records = jobs.Job(snakemake).given().of(evaluate)["records"]
+    np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
+    assert records.maybe is None
+
+
+def test_an_artifact_of_another_reading_is_refused(tmp_path):
+    def stage(one: Thing):
+        """Only its annotations are read."""
+
+    path = save_thing(tmp_path / "one.h5", reading="other")
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
+    snakemake.input = Named(one=path)
+    with pytest.raises(store.ArtifactError, match=r"one\.h5.*other"):
+        jobs.Job(snakemake).given().of(stage)
+
+
+# ------------------------------------------------------------------------------------ artifacts that were copied here
+
+ELSEWHERE = {
+    "inputs": ({"inputs": {"a": 2.0, "b": [1.0]}}, "a is 2.0, not 1.0; b is [1.0], not None"),
+    "code": ({"code": "xyz"}, "other code"),
+    "libraries": ({"libraries": "numpy 2.0, scipy 1.16.0"}, "'numpy 2.0, scipy 1.16.0' among the libraries"),
+    "options": ({"options": {"trials": 200}}, "trials is 200, not None"),
+    "what it was made from": ({"needs": {"first.h5": "abc"}}, "another first.h5"),
+}
+
+
+@pytest.mark.parametrize("case", ELSEWHERE)
+def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinned, capsys, case):
+    """As `cp -p` puts it in place: whole, and older than what Snakemake knows of."""
+    different, reason = ELSEWHERE[case]
+    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0}, needs={"first.h5": "xyz"})
+    elsewhere = {"inputs": {"a": 1.0}, "needs": {"first.h5": "xyz"}, **different}
+    there, _ = made_artifact(tmp_path / "there", "one.h5", **elsewhere)
+    shutil.copy2(there, here)
+    snakemake = job_of(tmp_path, artifacts={here: planned})
+    with pytest.raises(SystemExit), jobs.guarded(snakemake):
+        pytest.fail("the job must not begin")
+    assert (
+        f"job p_stage: {here}: comes from another build, of size 'smoke': {reason}: delete it and run snakemake again"
+    ) in capsys.readouterr().err
+
+
+def test_saving_keeps_where_a_result_comes_from(tmp_path):
+    one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
+    provenance = store.provenance(two)
+    assert {name: provenance[name] for name in recipe} == recipe
+    assert provenance["made_from"].keys() == {"one.h5"}
+    assert (provenance["recipe"], provenance["size"]) == (recipe_digest(recipe), "smoke")
+
+
+def test_a_job_records_what_its_products_were_made_from_if_it_comes_to_its_end(tmp_path, pinned):
+    record = tmp_path / "recipes" / "fig01.txt"
+    snakemake = job_of(tmp_path, record=(str(record), "abc"))
+    with jobs.guarded(snakemake) as job:
+        assert (job.paper, job.reading) == ("p", "r")
+    assert record.read_text(encoding="ascii") == "abc\n"
+    assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
+    with pytest.raises(SystemExit), jobs.guarded(snakemake):
+        raise MarsedlError("no")
+    assert not record.exists()
+
+
+# ------------------------------------------------------------------------------------------------------------ failures
+
+
+def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys):
+    snakemake = job_of(tmp_path)
+    with pytest.raises(SystemExit) as caught, jobs.guarded(snakemake):
+        raise MarsedlError("the iteration does not converge: raise its limit")
+    assert caught.value.code == 1
+    message = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: the iteration does not converge: raise its limit" in message
+    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in message
+    assert "Traceback" not in message
+    assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys, kept):
+    iterate_file, iterate = tmp_path / "logs" / "job.iterate.csv", {"time": [0.0, 0.5], "bank": [1 / 3, np.nan]}
+    if not kept:
+        iterate_file.mkdir(parents=True)
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise SolverError("nominal: off by 3 m", iterate)
+    message = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in message
+    if kept:
+        assert f"(its last iterate: {iterate_file})" in message
+        stored = np.loadtxt(iterate_file, delimiter=",", skiprows=1)
+        np.testing.assert_array_equal(stored, [[0.0, 1 / 3], [0.5, np.nan]])
+    else:
+        assert "(its last iterate could not be saved: Is a directory)" in message
+
+
+def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise ZeroDivisionError("by zero")
+    message = capsys.readouterr().err
+    assert "Traceback" in message
+    assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in message
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "(No space left on device): free space and run again"),
+        (errno.EDQUOT, ": free space and run again"),
+        (errno.EROFS, "(Read-only file system): change its permissions and run again"),
+    ],
+)
+def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned, capsys, number, remedy):
+    for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, "out")):
+        with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+            raise OSError(number, os.strerror(number), path and str(path))
+        message = capsys.readouterr().err
+        assert f"paper p, reading r, job p_stage: {named}: cannot be written or read " in message
+        assert remedy in message
+        assert "Traceback" not in message
+
+
+def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        pytest.fail("the body must not run")
+    assert "OPENBLAS_CORETYPE" in capsys.readouterr().err
+
+
+def test_a_job_with_other_libraries_than_planned_does_not_start(tmp_path, pinned, capsys):
+    planned = LIBRARIES.replace("numpy ", "numpy 1")
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, libraries=planned)):
+        pytest.fail("the body must not run")
+    message = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
+    assert message in capsys.readouterr().err

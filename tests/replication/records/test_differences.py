@@ -1,0 +1,239 @@
+"""Digests see content and nothing else; differences say what, how much and where."""
+
+import json
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import h5py
+import numpy as np
+import pytest
+
+from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.records.differences import difference, digest, digest_tree, format_difference
+from marsedl.replication.records.fields import quantity
+from marsedl.replication.records.store import save, seal
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A trajectory."""
+
+    time: np.ndarray = quantity("s", ("time",), "time")
+    mean: np.ndarray = quantity("m", ("time", 2), "mean")
+    outcome: np.ndarray = quantity("1", ("time",), "outcome", np.int8)
+    gap: np.ndarray = quantity("m", ("time",), "gap", allow_nan=True)
+    names: np.ndarray = quantity("1", ("name",), "names", str)
+    good: bool = quantity("1", (), "good")
+
+
+def nominal(n=6):
+    return Nominal(
+        time=np.arange(float(n)),
+        mean=np.linspace(1, 2, 2 * n).reshape(n, 2),
+        outcome=np.zeros(n, np.int8),
+        gap=np.where(np.arange(n) % 2, np.nan, 1.0),
+        names=np.array(["a", "bb"]),
+        good=True,
+    )
+
+
+def put(path, artifact, provenance=None, reading="corrected"):
+    save(path, artifact, paper="funnels", reading=reading, provenance=provenance or {"seed": 1})
+    return path
+
+
+@contextmanager
+def hdf5(path, mode, **options):
+    """An HDF5 file open for writing, which then gets the seal of an artifact."""
+    with h5py.File(path, mode, **options) as file:
+        yield file
+    path.write_bytes(seal(path.read_bytes()))
+
+
+def with_value(array, index, value):
+    array = np.array(array)
+    array[index] = value
+    return array
+
+
+def test_digest_does_not_see_provenance_or_the_name(tmp_path):
+    a = put(tmp_path / "a.h5", nominal())
+    b = put(tmp_path / "b.h5", nominal(), provenance={"seed": 2, "solver": {"name": "x"}})
+    assert a.read_bytes() != b.read_bytes()
+    assert digest(a) == digest(b)
+    assert len(digest(a)) == 64
+    assert difference(a, b) == []
+
+
+def test_digest_does_not_see_storage(tmp_path):
+    values = np.random.default_rng(1).normal(size=(300, 4))
+    digests = set()
+    for number, (dtype, options) in enumerate(
+        [
+            ("<f8", {}),
+            (">f8", {}),
+            ("<f8", {"chunks": (7, 2)}),
+            ("<f8", {"chunks": True, "compression": "gzip", "shuffle": True, "fletcher32": True}),
+            ("<f8", {"maxshape": (None, 4)}),
+            ("<f8", {"track_times": True}),
+        ]
+    ):
+        with hdf5(tmp_path / f"{number}.h5", "w", libver="latest" if number % 2 else "earliest") as file:
+            file.create_dataset("group/x", data=values.astype(dtype), **options)
+            file["names"] = ["a", "b"] if number % 2 else np.array([b"a", b"b"])
+            for key in ("p", "q") if number % 2 else ("q", "p"):
+                file.attrs[key] = key
+        digests.add(digest(tmp_path / f"{number}.h5"))
+    assert len(digests) == 1
+
+
+EDITS = {
+    "one value by one bit": lambda file: file["time"].__setitem__(3, np.nextafter(3.0, 4)),
+    "sign of zero": lambda file: file["time"].__setitem__(0, -0.0),
+    "attribute": lambda file: file["time"].attrs.__setitem__("unit", "h"),
+    "attribute of the root": lambda file: file.attrs.__setitem__("reading", "printed"),
+    "type": lambda file: retyped(file, "f4"),
+    "shape": lambda file: retyped(file, "f8", (2, 3)),
+    "dataset removed": lambda file: file.pop("mean"),
+    "dataset in a group": lambda file: file.move("mean", "more/mean"),
+    "text": lambda file: file["names"].__setitem__(0, b"c"),
+    "scale of a dimension": lambda file: file["mean"].dims[0].detach_scale(file["time"]),
+    "bool": lambda file: file["good"].__setitem__((), False),
+}
+
+
+def retyped(file, dtype, shape=(6,)):
+    attributes = dict(file["time"].attrs)
+    del file["time"]
+    file["time"] = np.arange(6).astype(dtype).reshape(shape)
+    file["time"].attrs.update(attributes)
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_digest_and_difference_see_every_edit(tmp_path, case):
+    a = put(tmp_path / "a.h5", nominal())
+    b = put(tmp_path / "b.h5", nominal())
+    assert digest(a) == digest(b)
+    with hdf5(b, "r+") as file:
+        EDITS[case](file)
+    assert digest(a) != digest(b)
+    assert difference(a, b) != []
+    assert difference(b, a) != []
+
+
+def test_what_is_no_content_and_what_tells_two_files_apart(tmp_path):
+    """One NaN is as good as another, a docstring is no content; values belong to fields, integers have all digits."""
+
+    def digest_of(meaning="", **fields):
+        path = tmp_path / f"{len(list(tmp_path.iterdir()))}.h5"
+        with hdf5(path, "w") as file:
+            file.attrs["meaning"] = meaning
+            for name, value in fields.items():
+                file[name] = value
+        return digest(path)
+
+    assert digest_of(x=[1.0, np.nan]) == digest_of("Another wording.", x=[1.0, np.copysign(np.nan, -1.0)])
+    assert digest_of(x=[1.0], y=[2.0, 3.0]) != digest_of(x=[1.0, 2.0], y=[3.0])
+    assert digest_of(x=np.int64(2**62)) != digest_of(x=np.int64(2**62 + 1))
+    (tmp_path / "a.png").write_bytes(b"abc")
+    assert digest(tmp_path / "a.png").startswith("ba7816bf8f01cfea"), "of other files that of their bytes"
+    assert list(digest_tree(tmp_path, ["[01].h5", "*.png"])) == ["0.h5", "1.h5", "a.png"]
+
+
+def test_damaged_and_missing_files(tmp_path):
+    whole = put(tmp_path / "a.h5", nominal()).read_bytes()
+    (tmp_path / "a.h5").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ArtifactError, match=r"a\.h5"):
+        digest(tmp_path / "a.h5")
+    with pytest.raises(InputError, match=r"none\.png: the file does not exist"):
+        digest(tmp_path / "none.png")
+    with pytest.raises(InputError, match="the folder does not exist"):
+        digest_tree(tmp_path / "none", ["*"])
+
+
+# ---------------------------------------------------------------------------------------------------------- difference
+
+
+def test_difference_of_numbers_says_how_much_and_where(tmp_path):
+    base = nominal()
+    mean = with_value(with_value(base.mean, (4, 1), base.mean[4, 1] + 0.5), (0, 0), 0.75)
+    a, b = put(tmp_path / "a.h5", base), put(tmp_path / "b.h5", replace(base, mean=mean))
+    (row,) = difference(a, b)
+    assert (row.field, row.what, row.place) == ("/mean", "2 of 12 values differ", "[4, 1]")
+    assert row.absolute == pytest.approx(0.5)
+    assert row.relative == pytest.approx(0.25)  # of the first value, 1.0 and 0.75
+    assert "/mean: 2 of 12 values differ, at most 0.5 (relative 0.25), at [4, 1]" in format_difference([row])
+
+
+def test_difference_of_all_kinds(tmp_path):
+    base = nominal()
+    other = replace(
+        base,
+        outcome=with_value(base.outcome, 2, 5),
+        gap=with_value(base.gap, 1, 2.0),
+        names=np.array(["a", "cc"]),
+        good=False,
+    )
+    a, b = put(tmp_path / "a.h5", base), put(tmp_path / "b.h5", other, reading="printed")
+    rows = {row.field: row for row in difference(a, b)}
+    assert set(rows) == {"/outcome", "/gap", "/names", "/good", "@reading"}
+    assert (rows["/outcome"].absolute, rows["/outcome"].place) == (5, "[2]")
+    assert (rows["/gap"].absolute, rows["/gap"].place) == (float("inf"), "[1]")
+    assert rows["/names"].what == "1 of 2 values differ, 'bb' and 'cc'"
+    assert rows["/good"].what == "1 of 1 values differ, True and False"
+    assert "'corrected' and 'printed'" in rows["@reading"].what
+
+
+def test_difference_of_shapes_types_and_missing_fields(tmp_path):
+    with hdf5(tmp_path / "a.h5", "w") as file:
+        file["x"], file["y"], file["z"] = np.zeros(3), np.zeros(3), 1.0
+    with hdf5(tmp_path / "b.h5", "w") as file:
+        file["x"], file["y"], file["w"] = np.zeros(4), np.zeros(3, "f4"), 1.0
+    text = format_difference(difference(tmp_path / "a.h5", tmp_path / "b.h5"))
+    assert "/x: shape (3,) and (4,)" in text
+    assert "/y: type <f8 and <f4" in text
+    assert f"/z: only in {tmp_path / 'a.h5'}" in text
+    assert f"/w: only in {tmp_path / 'b.h5'}" in text
+
+
+def test_difference_of_json(tmp_path):
+    a = [{"id": "x", "value": 1.0, "verdict": "reproduced"}, {"id": "y", "value": 2.0, "verdict": "close"}]
+    b = [{"id": "x", "value": 1.5, "verdict": "reproduced"}, {"id": "y", "value": 4.0, "verdict": "differs"}, 3]
+    (tmp_path / "a.json").write_text(json.dumps(a))
+    (tmp_path / "b.json").write_text(json.dumps(b))
+    rows = {row.field: row for row in difference(tmp_path / "a.json", tmp_path / "b.json")}
+    assert set(rows) == {"[].value", "[].verdict", "[]"}
+    assert (rows["[].value"].absolute, rows["[].value"].place) == (2.0, "[1].value")
+    assert rows["[].value"].relative == 0.5
+    assert rows["[].verdict"].what == "'close' and 'differs'"
+    assert rows["[]"].what == "only in the second: 3"
+    (tmp_path / "c.json").write_text(json.dumps(a, indent=1))
+    (row,) = difference(tmp_path / "a.json", tmp_path / "c.json")
+    assert row.what == "same content, written differently"
+    (tmp_path / "d.json").write_text("{")
+    (row,) = difference(tmp_path / "a.json", tmp_path / "d.json")
+    assert "not readable as json" in row.what
+
+
+def test_difference_of_csv(tmp_path):
+    (tmp_path / "a.csv").write_text("case,mass,note\nA,1.0,x\nB,2.0,y\n")
+    (tmp_path / "b.csv").write_text("case,mass,note\nA,1.1,x\nB,2.4,z\n")
+    rows = {row.field: row for row in difference(tmp_path / "a.csv", tmp_path / "b.csv")}
+    assert set(rows) == {"mass", "note"}
+    assert rows["mass"].absolute == pytest.approx(0.4)
+    assert (rows["mass"].what, rows["mass"].place) == ("2 numbers differ", "line 3, mass")
+    assert (rows["note"].what, rows["note"].place) == ("'y' and 'z'", "line 3, note")
+
+
+def test_difference_of_folders(tmp_path):
+    for side in ("a", "b"):
+        put(tmp_path / side / "deep/same.h5", nominal())
+        (tmp_path / side / "fig.png").write_bytes(side.encode())
+        (tmp_path / side / f"only_{side}.txt").write_text("")
+    rows = difference(tmp_path / "a", tmp_path / "b")
+    assert [row.file for row in rows] == ["fig.png", "only_a.txt", "only_b.txt"]
+    assert rows[0].what == "bytes differ (1 and 1 bytes)"
+    assert rows[1].what == f"only in {tmp_path / 'a'}"
+    assert rows[2].what == f"only in {tmp_path / 'b'}"
+    assert difference(tmp_path / "a", tmp_path / "a") == []
+    assert format_difference([]) == "no difference"

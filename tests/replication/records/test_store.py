@@ -1,0 +1,348 @@
+"""Artifacts come back as they were saved, or not at all."""
+
+import copy
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import asdict, dataclass, make_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.replication.errors import ArtifactError
+from marsedl.replication.records import fields, store
+from marsedl.replication.records.fields import Axis, quantity
+from marsedl.replication.records.store import load, save
+
+PROVENANCE = {
+    "inputs": {"nominal": "ab" * 32, "data/table.csv": "cd" * 32},
+    "seed": 2**64 - 1,
+    "trials": 1000,
+    "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
+    "solver": {"name": "Clarabel", "status": "solved", "iterations": 12, "residual": 1e-9, "exact": False},
+    "history": [1.0, 0.5, {"deep": None}],
+    "nothing": {},
+    "array": np.arange(3),
+}
+
+
+@dataclass(frozen=True)
+class Everything:
+    """One field of each kind.
+
+    And a second paragraph.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
+    mean: np.ndarray = quantity("m, m/s", ("time", 6), "mean state")
+    gains: np.ndarray = quantity("1/s", ("time", "control", 6), "feedback gains")
+    counts: np.ndarray = quantity("1", ("trial",), "steps of each trial", np.int64)
+    outcome: np.ndarray = quantity("1", ("trial",), "how each trial ended", "int8")
+    landed: np.ndarray = quantity("1", ("trial",), "whether each trial landed", bool)
+    names: np.ndarray = quantity("1", ("name",), "names of the outcomes", str)
+    holes: np.ndarray = quantity("m", ("trial",), "miss distance where there is one", allow_nan=True)
+    mass: float = quantity("kg", (), "final mass")
+    iterations: int = quantity("1", (), "passes of the mass iteration")
+    converged: bool = quantity("1", (), "whether the iteration converged")
+    status: str = quantity("1", (), "what the solver said")
+
+
+@dataclass(frozen=True)
+class Small:
+    """A small artifact."""
+
+    time: np.ndarray = quantity("s", ("time",), "time")
+    mass: np.ndarray = quantity("kg", ("time",), "mass")
+    label: str = quantity("1", (), "a label")
+
+
+def everything(times=5, trials=7):
+    random = np.random.default_rng(1)
+    return Everything(
+        time=np.arange(float(times)),
+        mean=random.normal(size=(times, 6)),
+        gains=random.normal(size=(times, 3, 6)),
+        counts=random.integers(-(2**62), 2**62, trials),
+        outcome=np.arange(trials, dtype=np.int8) - 3,
+        landed=np.arange(trials) % 2 == 0,
+        names=np.array(["landed", "crashed", "", "α, µ und ß"]),
+        holes=np.where(np.arange(trials) % 3 == 0, np.nan, 1.5),
+        mass=1893.25,
+        iterations=17,
+        converged=True,
+        status="Optimal Solution Found ✓",
+    )
+
+
+def small():
+    return Small(np.arange(50.0), np.linspace(2, 1, 50), "a")
+
+
+def put(path, artifact, paper="powered_descent", reading="corrected", provenance=PROVENANCE):
+    save(path, artifact, paper=paper, reading=reading, provenance=provenance)
+    return path
+
+
+def same(a, b):
+    return asdict(a).keys() == asdict(b).keys() and all(
+        np.array_equal(x, y, equal_nan=np.asarray(x).dtype.kind == "f")
+        and np.asarray(x).dtype.kind == np.asarray(y).dtype.kind
+        for x, y in zip(asdict(a).values(), asdict(b).values(), strict=True)
+    )
+
+
+def leftovers(folder):
+    return [path.name for path in folder.iterdir() if path.name.endswith(".partial")]
+
+
+# --------------------------------------------------------------------------------------------------------------- axes
+
+MOTION = Axis("motion", downrange="m", altitude="m", vertical_velocity="m/s")
+LAW = Axis("law", "open", "closed")
+
+
+@dataclass(frozen=True)
+class Named:
+    """Fields with named components."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight", label="time")
+    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state of all trials")
+    final_covariance: np.ndarray = quantity("SI", (LAW, MOTION, MOTION), "sample covariance at the end")
+
+
+def named(times=4):
+    return Named(np.arange(float(times)), np.ones((times, 3)), np.ones((2, 3, 3)))
+
+
+def test_an_axis_is_its_extent_and_names_its_components():
+    assert (MOTION, LAW) == (3, 2)
+    assert MOTION.unit == "m, m, m/s"
+    assert Axis("observed", bank="rad", change="rad").unit == "rad"
+    assert MOTION.index("altitude") == 1
+    assert MOTION.label("vertical_velocity") == "vertical velocity"
+    assert Axis("state", **MOTION.units, mass="kg").names == (*MOTION.names, "mass")
+    for same_axis in (copy.deepcopy(MOTION), pickle.loads(pickle.dumps(LAW))):
+        original = MOTION if same_axis == 3 else LAW
+        assert (same_axis.name, same_axis.units) == (original.name, original.units)
+
+
+def test_a_component_that_there_is_not_is_refused_with_the_nearest():
+    with pytest.raises(ArtifactError, match=r"axis 'motion' has no component 'altitud': did you mean 'altitude'\?"):
+        MOTION.index("altitud")
+    with pytest.raises(TypeError, match="equal names: open, open"):
+        Axis("law", "open", "open")
+
+
+# --------------------------------------------------------------------------------------------------------- round trip
+
+
+@pytest.mark.parametrize("times", [0, 5, 4000])
+def test_everything_comes_back(tmp_path, times):
+    artifact = everything(times)
+    path = put(tmp_path / "new/folders/all.h5", artifact)
+    loaded = load(path, Everything, paper="powered_descent", reading="corrected")
+    assert same(artifact, loaded)
+    assert loaded.counts.dtype == np.int64
+    assert loaded.outcome.dtype == np.int8
+    assert loaded.landed.dtype == np.bool_
+    assert [type(getattr(loaded, name)) for name in ("mass", "iterations", "converged", "status")] == [
+        float,
+        int,
+        bool,
+        str,
+    ]
+    assert not any(array.flags.writeable for array in vars(loaded).values() if isinstance(array, np.ndarray))
+    assert leftovers(path.parent) == []
+
+
+def test_equal_content_gives_equal_bytes(tmp_path):
+    first = put(tmp_path / "a/one.h5", everything(4000)).read_bytes()
+    time.sleep(1.1)  # object times in HDF5 count in seconds
+    reordered = dict(reversed(PROVENANCE.items()))
+    program = f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_store import *
+        put(Path({str(tmp_path / "b/two.h5")!r}), everything(4000))
+        put(Path({str(tmp_path / "b/named.h5")!r}), named())
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
+    assert (tmp_path / "b/named.h5").read_bytes() == put(tmp_path / "named.h5", named()).read_bytes()
+    assert put(tmp_path / "three.h5", everything(4000), provenance=reordered).read_bytes() == first
+    assert (tmp_path / "b/two.h5").read_bytes() == first
+
+
+def test_provenance_comes_back(tmp_path):
+    expected = PROVENANCE | {"array": [0, 1, 2]}
+    actual = store.provenance(put(tmp_path / "a.h5", small()))
+    assert actual == expected
+    assert type(actual["solver"]["exact"]) is bool
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        {"a": object()},
+        {1: 2},
+    ],
+)
+def test_provenance_that_json_cannot_hold_is_refused(tmp_path, items):
+    with pytest.raises(ArtifactError, match=r"a\.h5: /provenance"):
+        put(tmp_path / "a.h5", small(), provenance=items)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_xarray_opens_the_file_with_names_of_dimensions_and_components(tmp_path):
+    import xarray
+
+    with xarray.open_dataset(put(tmp_path / "a.h5", named())) as dataset:
+        assert dataset["mean"].dims == ("time", "motion")
+        assert dataset["final_covariance"].dims == ("law", "motion", "motion_2")
+        assert dataset["final_covariance"].sel(law="open", motion="altitude", motion_2="altitude") == 1.0
+        assert dataset["mean"].sel(motion="altitude", time=2.0) == 1.0
+        assert dataset["motion_unit"].sel(motion="vertical_velocity") == "m/s"
+        assert set(dataset.coords) == {"time", "motion", "motion_2", "motion_unit", "motion_2_unit", "law"}
+        assert (dataset["time"].attrs["units"], dataset["time"].attrs["long_name"]) == ("s", "time")
+        assert dataset.attrs["meaning"] == "Fields with named components."
+
+
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        ({"mean": ("time",), "time": ("law", "time")}, "a dimension is described by 'time'"),
+        ({"mean": (MOTION,), "state": (Axis("motion", "x"),)}, "another axis is called 'motion'"),
+    ],
+)
+def test_a_dimension_that_cannot_be_described_is_refused(declared, message):
+    rows = [(name, np.ndarray, quantity("m", dims, "a field")) for name, dims in declared.items()]
+    with pytest.raises(ArtifactError, match=message):
+        fields.layout(make_dataclass("Muddled", rows, frozen=True))
+
+
+def test_a_name_along_an_axis_has_its_extent(tmp_path):
+    @dataclass(frozen=True)
+    class Both:
+        """An axis and the same dimension by name."""
+
+        mean: np.ndarray = quantity("SI", (MOTION,), "mean")
+        lowest: np.ndarray = quantity("SI", ("motion",), "lowest")
+
+    put(tmp_path / "a.h5", Both(np.ones(3), np.ones(3)))
+    with pytest.raises(ArtifactError, match="where motion is 3 as declared"):
+        put(tmp_path / "b.h5", Both(np.ones(3), np.ones(2)))
+
+
+def test_other_exact_types_are_accepted(tmp_path):
+    artifact = replace(small(), time=list(range(50)), mass=np.ones(50, dtype=np.float32))
+    assert load(put(tmp_path / "a.h5", artifact), Small).time.dtype == np.float64
+    codes = replace(everything(), outcome=np.arange(7))  # int64 values that fit into int8
+    assert load(put(tmp_path / "b.h5", codes), Everything).outcome.dtype == np.int8
+
+
+# ------------------------------------------------------------------------------------------------- refused when saving
+
+BAD_VALUES = {
+    "missing": ("time", None, "is missing"),
+    "number of dimensions": ("time", np.zeros((5, 1)), r"shape \(5, 1\).*\(time\)"),
+    "scalar for an array": ("time", 1.0, r"shape \(\)"),
+    "fixed extent": ("mean", np.zeros((5, 5)), "6 is 6 as declared"),
+    "extent of another field": ("mean", np.zeros((4, 6)), "time is 5 as in field 'time'"),
+    "inf": ("mean", np.full((5, 6), np.inf), "not finite"),
+    "inf where nan is allowed": ("holes", np.full(7, np.inf), "not finite"),
+    "bool for numbers": ("time", np.zeros(5, bool), "must be of type float64"),
+    "long double": ("time", np.zeros(5, np.longdouble), "would be rounded"),
+    "bool for int": ("iterations", True, "must be of type int64"),
+    "too large for int8": ("outcome", np.full(7, 128), "do not fit"),
+    "int for bool": ("landed", np.zeros(7, int), "must be of type bool"),
+    "objects for text": ("names", np.array(["a", None], object), "must be of type str"),
+    "surrogate": ("status", "\ud800", "must be of type str"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_VALUES)
+def test_a_bad_value_is_refused_before_anything_is_touched(tmp_path, case):
+    field, value, message = BAD_VALUES[case]
+    path = put(tmp_path / "all.h5", everything())
+    before = path.read_bytes()
+    with pytest.raises(ArtifactError, match=rf"(?s)all\.h5.*Everything.*'{field}'.*{message}"):
+        put(path, replace(everything(), **{field: value}))
+    assert path.read_bytes() == before
+    assert leftovers(tmp_path) == []
+
+
+def test_declarations_are_checked(tmp_path):
+    with pytest.raises(TypeError, match="dims"):
+        quantity("s", "time", "dims that are no tuple")
+    with pytest.raises(TypeError, match="dtype"):
+        quantity("s", (), "a type that is not stored", np.complex128)
+
+    @dataclass(frozen=True)
+    class Undeclared:
+        """A field without a unit."""
+
+        time: float = 1.0
+
+    with pytest.raises(ArtifactError, match=r"Undeclared\.time"):
+        put(tmp_path / "a.h5", Undeclared())
+    with pytest.raises(ArtifactError, match="is not an artifact type"):
+        put(tmp_path / "a.h5", {"time": 1.0})
+
+
+# ----------------------------------------------------------------------------------------------------------- atomicity
+
+
+@pytest.mark.parametrize(
+    ("moment", "number", "remedy"),
+    [
+        ("write", 28, "no space left.*free space and run again"),
+        ("replace", 13, "change the permissions of its folder and run again"),
+    ],
+)
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch, moment, number, remedy):
+    path = put(tmp_path / "a.h5", small())
+    before = path.read_bytes()
+
+    def fail(*arguments, **options):
+        raise OSError(number, os.strerror(number))
+
+    target, name = {"write": (Path, "open"), "fsync": (os, "fsync"), "replace": (Path, "replace")}[moment]
+    monkeypatch.setattr(target, name, fail)
+    with pytest.raises(ArtifactError, match=rf"a\.h5: cannot be written.*{remedy}; the earlier file is unchanged"):
+        put(path, replace(small(), label="new"))
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert leftovers(tmp_path) == []
+
+
+def test_a_kill_in_mid_write_does_no_harm(tmp_path):
+    path = put(tmp_path / "a.h5", small())
+    before = path.read_bytes()
+    program = f"""
+        import signal, sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_store import *
+        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+        put(Path({str(path)!r}), replace(small(), label="new"))
+    """
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == -signal.SIGKILL
+    assert path.read_bytes() == before
+    assert len(leftovers(tmp_path)) == 1
+    put(path, replace(small(), label="new"))
+    assert load(path, Small).label == "new"
+    assert leftovers(tmp_path) == []
+
+
+def test_a_folder_in_the_way(tmp_path):
+    (tmp_path / "a.h5").mkdir()
+    with pytest.raises(ArtifactError, match=r"a\.h5: cannot be written"):
+        put(tmp_path / "a.h5", small())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArtifactError, match=r"a\.h5: cannot be written"):
+        put(tmp_path / "file/a.h5", small())
+    assert leftovers(tmp_path) == []

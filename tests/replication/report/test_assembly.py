@@ -1,0 +1,128 @@
+"""What the report is told by the artifacts: solvers, provenance, run times, and the plots to look into."""
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from marsedl.papers import catalogue
+from marsedl.replication.errors import ArtifactError
+from marsedl.replication.pipeline.catalogue import Stage
+from marsedl.replication.records import store
+from marsedl.replication.records.fields import quantity
+from marsedl.replication.report import assembly, closeups, pages
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program and a search."""
+
+    status: np.ndarray = quantity("1", ("stages",), "how the solver ended", "str")
+    solver_iterations: np.ndarray = quantity("1", ("stages",), "its iterations", "int64")
+    worst_residual: float = quantity("1", (), "its residual")
+    search_converged: np.ndarray = quantity("1", ("laws",), "whether", "bool")
+    share_converged: float = quantity("1", (), "a number, which says of no solve how it ended")
+
+
+def saved(path, status, iterations, residual=1e-9, converged=(True, True), made_from=(), **inputs):
+    artifact = Program(np.array(status), np.array(iterations), residual, np.array(converged), 0.5)
+    provenance = {"inputs": inputs, "code": "abc def", "made_from": dict.fromkeys(made_from, "0" * 64)}
+    store.save(path, artifact, paper="p", reading=path.parent.name, provenance=provenance)
+    return str(path)
+
+
+def test_solver_rows_count_how_all_solves_ended_and_name_the_readings_of_the_others(tmp_path):
+    paths = {
+        "printed": {"gains": saved(tmp_path / "printed" / "gains.h5", ["optimal", "stopped"], [3, 1000])},
+        "corrected": {
+            "gains": saved(tmp_path / "corrected" / "gains.h5", ["optimal", ""], [7, 0], 2e-6, (True, False)),
+        },
+    }
+    header, search, program = sorted(
+        assembly.solver_rows(paths), key=lambda row: (row[0] != "stage", row[1] != "search")
+    )
+    assert header[0] == "stage"
+    assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
+    outcomes = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
+    assert program == ["gains", "gains", outcomes, "4", "0 to 1,000", "2.0e-06"]
+
+
+@pytest.mark.parametrize(
+    ("where", "stems"),
+    [
+        ("Sec. V, discussion of Fig. 3", {"fig03"}),
+        ("Sec. V.B, discussion of Figs. 11 and 12", {"fig11", "fig12"}),
+        ("Sec. V.B.4, discussion of Fig. 12; Fig. 12c", {"fig12"}),
+        ("Figs. 1, 3 and 6a; Table 7", {"fig01", "fig03", "fig06a"}),
+        ("Sec. 4.1, discussion of Fig. 6", {"fig06a", "fig06b"}),
+        ("Table 3; Eq. 12, Sec. 11", set()),
+    ],
+)
+def test_a_claim_is_about_the_figures_that_its_place_names(where, stems):
+    names = ("fig01", "fig03", "fig06a", "fig06b", "fig11", "fig12", "reversals")
+    assert {stem for stem in names if pages.is_about(where, stem)} == stems
+
+
+def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
+    path = saved(
+        tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], **{"ensemble.seed": 7}
+    )
+    bare = saved(tmp_path / "corrected" / "nominal.h5", ["optimal"], [3])
+    stages = {
+        "nominal": Stage((), (), (), "path"),
+        "gains": Stage((), (), (), "gains"),
+        "montecarlo": Stage((), (), ("gains", "nominal"), "flights"),
+    }
+    _, gains, nominal = assembly.provenance_rows({"gains": path, "nominal": bare}, stages, "9")
+    assert gains == ["gains", "A program and a search.", "a, b", "7", "abc def"]
+    assert nominal == ["nominal", "A program and a search.", "inputs alone", "–", "abc def"]
+
+
+def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
+    stages = {"gains": Stage((), (), (), "gains"), "montecarlo": Stage((), (), ("gains",), "flights")}
+    rows = []
+    for chunks in (1, 3):
+        made_from = [f"case.{k}of{chunks}.h5" for k in range(chunks)]
+        path = saved(tmp_path / str(chunks) / "case.h5", ["optimal"], [3], made_from=made_from)
+        rows.append(assembly.provenance_rows({"case": path}, stages, "9"))
+    assert rows[0] == rows[1]
+    assert rows[0][1] == ["case", "A program and a search.", "gains", "9", "–"]
+
+
+def test_a_damaged_artifact_is_named(tmp_path):
+    path = tmp_path / "gains.h5"
+    path.write_bytes(b"\x89HDF")
+    with pytest.raises(ArtifactError, match=r"gains\.h5"):
+        assembly.solver_rows({"corrected": {"gains": str(path)}})
+
+
+def test_run_times_are_those_of_the_papers_asked_for():
+    table = [["paper", "quantity", "value"], ["a", "speed", "1"], ["all", "build", "2"], ["a", "memory", "3"]]
+    assert assembly.run_times(table, ["a"]) == [["quantity", "value"], ["speed", "1"], ["memory", "3"]]
+    assert assembly.run_times(table, ["b"]) == []
+    assert assembly.run_times([], ["a"]) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "axis", "expected"),
+    [
+        ([0.0, 3.14159265, 10.0], None, [0.0, 3.142, 10.0]),
+        ([[1.0, 1000.123456], [2.0, 2000.0]], 0, [[1.0, 1000.12], [2.0, 2000.0]]),
+        ([math.nan, 2.0, 4.0], None, [None, 2.0, 4.0]),
+        ([0.123456789], None, [0.12346]),
+        ([-1e-9, 1.0], None, [0.0, 1.0]),
+        ([], None, []),
+    ],
+)
+def test_plots_hold_what_a_screen_shows(values, axis, expected):
+    rounded = closeups.rounded(np.array(values), axis)
+    assert rounded == expected
+    assert "-0.0" not in json.dumps(rounded)
+
+
+def test_a_plot_of_a_damaged_artifact_is_refused_by_name(tmp_path):
+    path = saved(tmp_path / "convergence.h5", ["optimal"], [3])
+    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
+        assembly.closeups(catalogue("random_field"), {"convergence": path})

@@ -1,0 +1,420 @@
+"""The pages of the report from made-up contents."""
+
+import hashlib
+import json
+import re
+import struct
+import zipfile
+import zlib
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import marsedl.replication.report.pages
+from marsedl.plotting import style
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED
+from marsedl.replication.claims.printed import PublishedClaim, load_published
+from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect
+from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
+from marsedl.replication.report.assembly import PaperReport
+from marsedl.replication.report.closeups import CloseUp
+from marsedl.replication.report.pages import build_site, site_files
+from marsedl.replication.report.pictures import picture
+from marsedl.replication.report.readings_compared import Input, Reading
+
+PUBLISHED = Path(__file__).parents[3] / "data" / "published" / "powered_descent.yaml"
+SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
+TEMPLATES = Path(marsedl.replication.report.pages.__file__).parent / "templates"
+VOID = {"meta", "link", "img", "input", "br", "hr"}
+
+
+def png(path, width=640, height=400, colour=(120, 150, 190)):
+    """Write a PNG with a diagonal stripe, by hand."""
+
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    stripes = (bytes(colour) * 72 + b"\xff" * 24) * (width // 80 + 2)
+    rows = b"".join(b"\0" + stripes[3 * (y % 80) :][: 3 * width] for y in range(height))
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows)), chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+    return path
+
+
+def evaluate(claim, shift):
+    """Make up a result: `shift` in units of the rounding, or of the standard error."""
+    if claim.kind in ("undetermined", "context"):
+        return None
+    if claim.kind == "qualitative":
+        return Evaluation(shift < 3, evidence=f"largest contraction factor {0.011 + shift:.3f} over 12 passes.")
+    if claim.kind == "input":
+        return Evaluation(claim.printed)
+    values = claim.printed if isinstance(claim.printed, list) else [claim.printed]
+    if claim.kind == "deterministic":
+        moved = [value + 0.3 * shift * claim.resolution for value in values]
+        return Evaluation(moved if isinstance(claim.printed, list) else moved[0], numbers={"prior": 1349.4446})
+    errors = [0.001 + abs(value) * 3e-5 for value in values]
+    moved = [value + shift * error for value, error in zip(values, errors, strict=True)]
+    single = not isinstance(claim.printed, list)
+    return Evaluation(moved[0] if single else moved, errors[0] if single else errors, 2000)
+
+
+def drawn(folder, slug, figures=(), tables=()):
+    """Write the files of figures and tables."""
+    (folder / slug).mkdir(parents=True, exist_ok=True)
+    for i, name in enumerate(figures):
+        png(folder / slug / f"{name}.png", 640 + 160 * (i % 2), 400, (120, 60 + 30 * i, 190))
+    for name in tables:
+        (folder / slug / f"{name}.md").write_text("| quantity | <b> |\n| --- | --- |\n| variance | 4.99 |\n")
+
+
+def example(folder, hostile="plain"):
+    """Return a realistic report of two papers from made-up numbers; their figures are drawn into the folder."""
+    places = {"mc_final_mean": "Sec. V, discussion of Fig. 2"}
+    published = [replace(one, plain="", where=places.get(one.id, one.where)) for one in load_published(PUBLISHED)]
+    first = published[0]
+    published[1] = replace(published[1], plain=f"It is so {hostile}")
+    published += [
+        replace(first, id="isp", kind="input", quantity="specific impulse", printed=210, resolution=1, unit="s"),
+        replace(first, id="ellipse", kind="context", quantity="landing ellipse of Pathfinder", printed=[200, 100]),
+    ]
+    shifts = {"corrected": 0.5, "printed": 9.0, "target4": 0.2, "plus_sign": 4.0, "newton_noise": 2.5}
+    evaluations = {name: {c.id: evaluate(c, shift) for c in published} for name, shift in shifts.items()}
+    evaluations["corrected"]["prior_final_mass"] = Evaluation(1349.4446, numbers={"prior": 1349.4446})
+    evaluations["corrected"]["mc_final_mean"] = Evaluation(
+        [100.05, 50.01, -0.0003, -0.006], [0.05, 0.011, 0.011, 0.011], 2000
+    )
+    evaluations["corrected"]["alpha_from_isp"] = Evaluation(4.8541e-4 * 1.01)
+    evaluations["corrected"]["eq23_equality"] = Evaluation(
+        False, evidence="the two sides differ by 12.3 % of the cost."
+    )
+    evaluations["newton_noise"]["alg1_meets_boundary_conditions"] = None
+    declared = {
+        "alpha_from_isp": Declaration(close=Close("the paper does not state its gravity.", relative=0.02)),
+        "prior_final_mass": Declaration(
+            "The converged profile ends at {prior:.1f} kg, and the mean of the trials cannot lie above it: the mass is"
+            " convex in the thrust.",
+            errata=("E10",),
+        ),
+        "mc_final_mean": Declaration(
+            "Altitude {value[1]:.3f} m, {z:.1f} standard errors away; target4 gives {target4[value][1]:.3f} m.",
+            errata=("E11",),
+            withheld=("the step of the simulation",),
+        ),
+        "eq23_equality": Declaration("Eq. 23 drops a term that does not depend on the control.", errata=("E12",)),
+    }
+    others = {  # the value in the default reading, and other values
+        "initial_velocity": ("[46.985, -17.101]", {"printed": "[46.985, 17.101]"}),
+        "final_downrange_variance": ("5", {"target4": "4"}),
+        "noise_density": ("360", {"printed": "0.02", "newton_noise": "0.02"}),
+        "maximum_thrust": ("18000", {}),
+    }
+
+    def reading(name, summary, based_on="corrected"):
+        inputs = {key: Input(values.get(name, value), f"assumed: {hostile}") for key, (value, values) in others.items()}
+        return Reading(name, summary, based_on, based_on is None, inputs)
+
+    readings = [
+        reading("printed", f"Literally as printed. {hostile}", None),
+        reading("corrected", "Errata mended; the default of all figures.", "printed"),
+        reading("target4", "The downrange target that the authors probably used."),
+        reading("plus_sign", "The printed sign of the vertical velocity."),
+        reading("newton_noise", "Noise density in newtons."),
+    ]
+    names = [f"fig{i:02d}" for i in range(1, 5)]
+    drawn(folder, "powered_descent", names, ["readings"])
+    drawn(folder, "small")
+    caption = f"Trajectories of the trials with 3-sigma ellipses, drawn over the predicted ones. {hostile}"
+    errata = tuple(
+        Erratum(
+            f"E{i}",
+            f"Something printed, number {i}. {hostile}",
+            "It contradicts Eq. 43; the covariance at 41 s is then diag(4.50, 0.141, 0.192, 0.210).",
+            "The other form, as in `corrected`",
+            f"Form {i} is wrong {hostile}" if i != 12 else "",
+            ("plus_sign",) if i == 11 else (),
+        )
+        for i in (10, 11, 12)
+    )
+    catalogue = Paper(
+        "powered_descent",
+        "Uncertainty Quantification and Control During Mars Powered Descent and Landing using Covariance Steering",
+        "J. Ridderhof and P. Tsiotras",
+        "J. Ridderhof and P. Tsiotras, AIAA Guidance, Navigation, and Control Conference, 2018.",
+        figures={name: Product(caption, beyond=name == "fig04") for name in names},
+        summaries={"readings": "Measured and predicted variances"},
+        described=dict.fromkeys(names[:3], f"The paper sees the trials contract. {hostile}"),
+        errata=errata,
+        question=f"Does it land? {hostile}",
+        in_short=("It lands.", f"It is $\\sigma_x$ wide. {hostile}"),
+        picture="fig02",
+    )
+    paper = PaperReport(
+        catalogue,
+        collect(published, declared, evaluations),
+        {one.name: one for one in readings},
+        dict.fromkeys(others, "m/s"),
+        dict.fromkeys(others, "at 0 s"),
+        [
+            CloseUp(
+                "states", "Final states", f"Where the flights end. {hostile}", "histories", {"said": hostile, "n": 1.5}
+            )
+        ],
+        [["quantity", "value"], ["design, compiled", "0.39"]],
+        [["stage", "how it ended"], ["certificates", f"8 optimal {hostile}"]],
+        [["artifact", "made from"], ["gains", "linearization"]],
+    )
+    small = PublishedClaim("small", "only", "Table 1", "a matrix", [[1, 2], [3, 4]], "m", "deterministic", resolution=1)
+    rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
+    environment = {
+        "size": "smoke",
+        "citation": f"The marsedl developers, marsedl 0.1.0. {hostile}",
+        "rebuild": ["make all", "snakemake report  # <html>"],
+        "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
+        "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
+    }
+    alone = Paper("small", "A small paper", "", "Nobody.")
+    return [paper, PaperReport(alone, rows, {"corrected": Reading("corrected", "All.", None, False, {})})], environment
+
+
+def together(folder):
+    """A comparison of both."""
+    drawn(folder, "comparison", ["densities"], ["densities"])
+    return {"densities": SimpleNamespace(figure="All densities.", table="All of them")}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
+    build_site(folder / "out", papers, environment, together(folder), folder)
+    return folder, papers, environment
+
+
+def figures_of(papers):
+    return {**{one.catalogue.slug: one.catalogue.figures for one in papers}, "comparison": ["densities"]}
+
+
+class Checker(HTMLParser):
+    """Collects what the tests look at and insists on balanced tags."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links, self.sources, self.images, self.text = [], [], [], [], [], []
+        self.headings, self.tables, self.captions, self.data = [], 0, 0, []
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        assert len(values) == len(attributes), f"an attribute is repeated in <{tag}>"
+        if tag not in VOID:
+            self.open.append(tag)
+        if "id" in values:
+            self.ids.append(values["id"])
+        if tag == "a":
+            self.links.append(values["href"])
+        for name in ("src", "srcset", "data", "poster", "action") + (("href",) if tag == "link" else ()):
+            if name in values:
+                self.sources.append(values[name])
+        if tag == "img":
+            self.images.append(values)
+        if tag in ("h1", "h2", "h3", "h4"):
+            self.headings.append(int(tag[1]))
+        if tag == "th":
+            assert values.get("scope") in ("col", "row", "colgroup", "rowgroup")
+        self.tables += tag == "table"
+        self.captions += tag == "caption"
+        if tag == "script" and "src" not in values:
+            assert values["type"] == "application/json"
+            self.data.append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "script":
+            self.data[-1] += data
+        else:
+            self.text.append(data)
+
+
+def read(path):
+    checker = Checker()
+    checker.feed(path.read_text(encoding="utf-8"))
+    checker.close()
+    return checker
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path.name: read(path) for path in sorted((site[0] / "out").glob("*.html"))}
+
+
+def words(page):
+    return " ".join("".join(page.text).split())
+
+
+def test_two_builds_have_the_same_bytes_and_the_files_that_are_promised(site):
+    folder, papers, environment = site
+    build_site(folder / "again", papers, environment, together(folder), folder)
+    first, second = (
+        {path.relative_to(folder / name).as_posix(): path.read_bytes() for path in (folder / name).rglob("*.*")}
+        for name in ("out", "again")
+    )
+    assert first == second
+    assert set(first) == set(site_files(figures_of(papers)))
+    assert not any(str(folder).encode() in content for content in first.values())
+
+
+def test_the_zip_holds_all_other_files(site):
+    with zipfile.ZipFile(site[0] / "out" / "report.zip") as archive:
+        names = {name.removeprefix("report/") for name in archive.namelist()}
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        assert archive.read("report/index.html") == (site[0] / "out" / "index.html").read_bytes()
+    assert names == set(site_files(figures_of(site[1]))) - {"report.zip"}
+
+
+def test_tags_balance_ids_are_unique_and_tables_have_captions(pages):
+    assert len(pages) == 5
+    for page in pages.values():
+        assert page.open == []
+        assert len(page.ids) == len(set(page.ids))
+        assert page.headings.count(1) == 1
+        assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
+        assert page.tables == page.captions
+
+
+def test_all_that_is_searched_for_has_an_address(site, pages):
+    text = (site[0] / "out" / "assets" / "search-data.js").read_text(encoding="utf-8")
+    targets = json.loads(text.removeprefix("const SEARCHED = ").removesuffix(";\n"))
+    assert targets == sorted(targets)
+    addresses = [entry[0].split("#") for entry in targets]
+    assert all(anchor in pages[page].ids for page, anchor in addresses)
+    assert "</script" not in text
+    paper = site[1][0]
+    catalogue = paper.catalogue
+    for anchor in [row.id for row in paper.claims] + [e.id for e in catalogue.errata] + list(catalogue.figures):
+        assert ["powered_descent.html", anchor] in addresses
+    for prefix, names in (("input", paper.meanings), ("reading", paper.readings), ("table", catalogue.summaries)):
+        assert all(["powered_descent.html", f"{prefix}-{name}"] in addresses for name in names)
+
+
+def test_text_from_outside_is_escaped(site, pages):
+    text = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert text.count("&lt;/script&gt;&lt;script&gt;alert(&#x27;x &amp; y&#x27;)&lt;/script&gt;") > 5
+
+
+def test_a_drawn_figure_shrinks_and_looks_the_same(tmp_path):
+    figure, axes = style.new_figure()
+    x = np.linspace(0.0, 20.0, 400)
+    for k, colour in enumerate((style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.PURPLE)):
+        axes.plot(x, np.sin(x + k), color=colour, label=f"curve {k}")
+        axes.fill_between(x, np.sin(x + k) - 0.1, np.sin(x + k) + 0.1, color=colour, alpha=0.3, linewidth=0)
+    axes.plot([3.0], [0.2], "x", color="#CC00CC", markersize=3)  # a colour of a few pixels
+    axes.legend()
+    inches = figure.get_size_inches()
+    style.save_figure(figure, tmp_path / "fig.png")
+    before = (tmp_path / "fig.png").read_bytes()
+    reduced, again = picture(tmp_path / "fig.png"), picture(tmp_path / "fig.png")
+    assert reduced == again
+    assert len(reduced.content) < 0.5 * len(before)
+    assert (tmp_path / "fig.png").read_bytes() == before
+    assert [reduced.width, reduced.height] == pytest.approx(list(80 * inches), abs=1)
+    (tmp_path / "reduced.png").write_bytes(reduced.content)
+    whole_image, image = (
+        np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")).astype(int) for n in ("fig", "reduced")
+    )
+    moved = np.abs(image - whole_image)
+    assert moved.max() <= 32
+    assert moved.mean() < 1.0
+    assert not moved[(whole_image == 255).all(axis=-1)].any()
+
+
+def test_the_first_page_counts_numbers_and_statements_apart(site, pages):
+    rows = [row for paper in site[1] for row in paper.claims]
+    text = words(pages["index.html"])
+    numbers = [row.verdict for row in rows if row.kind != "qualitative" and row.verdict in COUNTED_VERDICTS]
+    statements = [row.verdict for row in rows if row.kind == "qualitative" and row.verdict in COUNTED_VERDICTS]
+    assert numbers and statements
+    assert f"Of {len(numbers)} printed numbers, {numbers.count('reproduced')} reproduce" in text
+    assert f"Of {len(statements)} statements, {statements.count('holds')} hold." in text
+
+
+def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
+    html = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    claim = html.partition('id="mc_final_mean"')[2].partition("</details>")[0]
+    row = next(row for row in site[1][0].claims if row.id == "mc_final_mean")
+    verdicts = {name: (result.at_equal_trials or result).verdict for name, result in row.readings.items()}
+    differing = {name for name, verdict in verdicts.items() if verdict not in (verdicts[row.reading], None)}
+    assert differing
+    assert set(re.findall('href="#reading-([a-z0-9_]+)"', claim)) == differing
+    assert 'href="#E11"' in claim
+    assert 'href="#fig02"' in claim
+
+
+def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
+    page = pages["powered_descent.html"]
+    assert [json.loads(text) for text in page.data] == [site[1][0].closeups[0].data]
+    assert "closer-states" in page.ids
+    assert "assets/closeups.js" in page.sources
+    assert "assets/closeups.js" not in pages["small.html"].sources
+
+
+def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
+    papers, environment = example(tmp_path)
+    rows = {row.id: row for row in papers[0].claims}
+    row = next(row for row in rows.values() if row.is_refuted)
+    rows[row.id] = row.model_copy(update={"reason": UNEXPLAINED})
+    papers = [replace(papers[0], claims=list(rows.values()))]
+    build_site(tmp_path / "out", papers, environment | {"size": "full"}, figures=tmp_path)
+    for name in ("index.html", "powered_descent.html", "about.html"):
+        page = read(tmp_path / "out" / name)
+        assert "1 result is unexplained." in words(page)
+        assert f"powered_descent.html#{row.id}" in page.links
+        assert "run of size" not in words(page)
+
+
+def test_the_search_library_is_what_its_notice_says():
+    content = (TEMPLATES / "minisearch.js").read_bytes()
+    assert hashlib.sha256(content.partition(b"*/\n")[2]).hexdigest() == SEARCH_LIBRARY
+    assert b"MIT License" in content
+    assert b"Permission is hereby granted" in content
+
+
+def refused(folder, papers, environment, error, *words):
+    output = folder / "out" / "index.html"
+    output.parent.mkdir()
+    output.write_text("good")
+    with pytest.raises(error) as caught:
+        build_site(output.parent, papers, environment, figures=folder)
+    assert all(word in str(caught.value) for word in words)
+    assert output.read_text() == "good"
+    assert list(output.parent.iterdir()) == [output]
+
+
+def test_a_picture_that_is_no_figure_is_refused(tmp_path):
+    (paper, _), environment = example(tmp_path)
+    paper = replace(paper, catalogue=replace(paper.catalogue, picture="fig2"))
+    refused(tmp_path, [paper], environment, InputError, "powered_descent", "'fig2'")
+
+
+@pytest.mark.parametrize("content", [None, b"GIF89a"])
+def test_a_figure_that_is_not_a_png_is_refused(tmp_path, content):
+    papers, environment = example(tmp_path)
+    image = tmp_path / "powered_descent" / "fig03.png"
+    image.unlink()
+    if content is not None:
+        image.write_bytes(content)
+    refused(tmp_path, papers, environment, ArtifactError, "fig03.png")
