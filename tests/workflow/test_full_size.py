@@ -1,7 +1,7 @@
 """Numbers and verdicts of the full size against the committed ones, as far as minutes allow.
 
 `marsedl verify` compares all of them after `snakemake all`. Here: every stage of the smoke build that no smaller size
-changes, and two papers whole, in memory.
+changes, and a paper whole, in memory (another with `-m long`).
 """
 
 from pathlib import Path
