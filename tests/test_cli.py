@@ -170,7 +170,7 @@ def test_explain_a_paper(project, capsys):
     assert f"{len(paper.figures)} figures" in output
 
 
-def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(project, capsys):
+def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(bare_project, capsys):
     output = explained(capsys, "powered_descent")
     row = r"\n  mission\.final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]"
     assert re.search(row, output)
