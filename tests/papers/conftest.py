@@ -77,7 +77,7 @@ REDUCED = {
 }
 
 
-# Which do not converge there, however many they are.
+# The law for all columns does not converge in this reading, with any number of iterations.
 REDUCED_IN = {("desensitized", "printed"): {"all_columns_iterations": 10}}
 
 

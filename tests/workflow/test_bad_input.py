@@ -1,7 +1,7 @@
 """Bad input ends in one message before any job, and nothing is built.
 
 What is refused, and with which words, is tested without Snakemake, whose starts take seconds: here by the facts of each
-paper, else beside `replication.inputs` and `replication.command_line`. A few starts show that both are asked.
+paper, else beside `replication/inputs` and `replication/pipeline/targets.py`. A few starts show that both are asked.
 """
 
 import re

@@ -9,9 +9,10 @@ from functools import cache
 from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.pipeline.catalogue import TEXTS
 from marsedl.replication.pipeline.declarations import Taken, taken_by
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
-from marsedl.replication.report.texts import FILE, comparison_texts
+from marsedl.replication.report.texts import comparison_texts
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def comparisons() -> dict[str, Comparison]:
     digests = fingerprints_of()
     functions = digests.functions(__name__)
     declared = {}
-    for stem, captions in comparison_texts(Path(__file__).with_name(FILE)).items():
+    for stem, captions in comparison_texts(Path(__file__).with_name(TEXTS)).items():
         takes = {}
         for slug in SLUGS:
             entry = f"{__name__}.{stem}:{slug}"

@@ -4,7 +4,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import TEXTS, Paper
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
@@ -15,9 +15,9 @@ def catalogue(slug: str) -> Paper:
     # Here, as jobs import this package without it.
     from marsedl.replication.pipeline.declarations import declared
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
-    from marsedl.replication.report.texts import FILE, with_texts
+    from marsedl.replication.report.texts import with_texts
 
-    written = with_texts(import_module(f"marsedl.papers.{slug}").PAPER, Path(__file__).parent / slug / FILE)
+    written = with_texts(import_module(f"marsedl.papers.{slug}").PAPER, Path(__file__).parent / slug / TEXTS)
     return declared(written, input_model(slug), fingerprints_of())
 
 

@@ -107,7 +107,7 @@ def of(tree, scripts="none"):
     return Fingerprints(tree / "none" / "fingerprints.json", tree, tree / scripts)
 
 
-def code_digest(entry, tree):
+def fingerprint(entry, tree):
     return of(tree).code(entry)
 
 
@@ -119,9 +119,9 @@ def edit(tree, name, old, new):
 
 
 def changes(tree, name, old, new, entry=ENTRY):
-    before = code_digest(entry, tree)
+    before = fingerprint(entry, tree)
     edit(tree, name, old, new)
-    return code_digest(entry, tree) != before
+    return fingerprint(entry, tree) != before
 
 
 GRAVITY, STAGE, STEERING = "pkg/models/gravity.py", "pkg/papers/stage.py", "pkg/methods/steering.py"
@@ -232,7 +232,7 @@ def test_digest_does_not_depend_on_the_folder(tree, tmp_path_factory):
         (other / name).write_bytes((tree / name).read_bytes())
     (tree / "shim.py").write_text("from pkg.papers.stage import compute\n")
     (other / "shim.py").write_text("from pkg.papers.stage import compute\n")
-    assert code_digest(ENTRY, tree) == code_digest(ENTRY, other)
+    assert fingerprint(ENTRY, tree) == fingerprint(ENTRY, other)
     assert of(tree).kernels() == of(other).kernels()
     assert of(tree, ".").code("shim.py") == of(other, ".").code("shim.py")
 
@@ -314,7 +314,7 @@ def test_kernels_are_what_numba_caches_and_their_digest_is_of_what_they_reach(tr
     assert of(tree).kernels() != with_kernels
 
 
-@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), lambda tree: of(tree).kernels()])
+@pytest.mark.parametrize("digest", [lambda tree: fingerprint(ENTRY, tree), lambda tree: of(tree).kernels()])
 def test_a_syntax_error_names_file_and_line(tree, digest):
     edit(tree, GRAVITY, "def strength():", "def strength(:")
     with pytest.raises(MarsedlError, match=r"gravity\.py, line \d+"):
@@ -333,7 +333,7 @@ def test_a_syntax_error_names_file_and_line(tree, digest):
 )
 def test_a_wrong_entry_is_refused_by_name(tree, entry, named):
     with pytest.raises(InputError, match=named):
-        code_digest(entry, tree)
+        fingerprint(entry, tree)
 
 
 @pytest.fixture
@@ -356,7 +356,7 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     path = tree / "pkg" / "models" / "gravity.py"
     path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
     after_edit = remembered()
-    assert after_edit.code(ENTRY) == code_digest(ENTRY, tree) != before
+    assert after_edit.code(ENTRY) == fingerprint(ENTRY, tree) != before
     first.kernels()
     first.save()  # computed before the change: not to be kept under either key
     after_edit.save()
@@ -367,4 +367,4 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     assert before not in memory.read_text(encoding="utf-8")
     for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "known": 3}'):
         memory.write_text(damaged, encoding="utf-8")
-        assert remembered().code(ENTRY) == code_digest(ENTRY, tree)
+        assert remembered().code(ENTRY) == fingerprint(ENTRY, tree)

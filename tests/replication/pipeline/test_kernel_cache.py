@@ -68,7 +68,7 @@ class Project:
         )
 
     def run(self, before: str = "") -> tuple[list[str], str]:
-        """Result and number of compiled kernel_cache, and what was said."""
+        """Result and number of compiled kernels, and what was said."""
         process = self.start(before=before)
         out, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors

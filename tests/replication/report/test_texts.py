@@ -6,8 +6,8 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.errors import InputError
-from marsedl.replication.pipeline.catalogue import Paper
-from marsedl.replication.report.texts import FILE, comparison_texts, with_texts
+from marsedl.replication.pipeline.catalogue import TEXTS, Paper
+from marsedl.replication.report.texts import comparison_texts, with_texts
 
 ROOT = Path(__file__).parents[3] / "src" / "marsedl"
 WHOLE = """\
@@ -34,7 +34,7 @@ errata:
 
 
 def read(tmp_path, text):
-    path = tmp_path / FILE
+    path = tmp_path / TEXTS
     path.write_text(text, encoding="utf-8")
     return with_texts(Paper("toy", "", "", ""), path)
 
@@ -71,7 +71,7 @@ def test_a_slip_is_named_with_its_line(tmp_path, old, new, message):
 
 
 def test_a_comparison_needs_both_captions(tmp_path):
-    path = tmp_path / FILE
+    path = tmp_path / TEXTS
     path.write_text("costs:\n  figure: Costs.\n  table: Costs of all.\n")
     assert comparison_texts(path) == {"costs": ("Costs.", "Costs of all.")}
     path.write_text("costs:\n  figure: '{cost:.1f}'\n  table: Costs of all.\n")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import NamedTuple
 
-TEXTS = "texts.yaml"  # in a paper's folder: captions and other words
+TEXTS = "texts.yaml"  # in the folder of a paper, and in that of the comparisons: captions and other words
 FLIGHTS = "montecarlo"  # the stage of which each Monte Carlo case has an artifact
 CHUNK, GATHER = f"{FLIGHTS}_chunk", f"{FLIGHTS}_gather"  # its two parts, of which chunks are jobs of their own
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage, entry_of
 from marsedl.replication.pipeline.fingerprints import Fingerprints
 
 STAGE, PUBLISHED = "stage", "published"
@@ -62,7 +62,7 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
         return Stage((entry,), takes.inputs, takes.needs, functions[entry]["summary"].rstrip("."), **settings)
 
     def product_of(kind: str, stem: str, product: Product) -> Product:
-        takes = taken_of(f"{package}.{kind}:{stem}")
+        takes = taken_of(entry_of(paper.slug, kind, stem))
         return replace(
             product,
             needs=takes.needs,

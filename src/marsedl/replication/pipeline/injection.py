@@ -16,7 +16,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 
 from marsedl.replication.inputs.sections import Inputs, Section, by_section
 from marsedl.replication.pipeline.catalogue import Artifacts
@@ -77,6 +77,10 @@ class Arguments:
         records = {name: self._once(name, _without_none(of)) for name, of in typing.get_type_hints(kind).items()}
         return kind(**{name: record for name, record in records.items() if record is not None})
 
+    @cached_property
+    def _sections(self) -> dict[str, dict[str, object]]:
+        return by_section(self.values)
+
     def _once(self, name: str, kind: object) -> object:
         """What a parameter takes, found once; what a provider raises, it raises again."""
         if (name, kind) not in self._known:
@@ -95,7 +99,7 @@ class Arguments:
         if plain in self.providers:
             return self.call(self.providers[plain])
         if isinstance(plain, type) and issubclass(plain, Section):
-            return plain.from_plain(by_section(self.values).get(name, {}))
+            return plain.from_plain(self._sections.get(name, {}))
         if isinstance(plain, type) and issubclass(plain, Inputs | Artifacts):
             return self.whole(plain)
         if _LARGEST in marks and (large := self.artifact(name + LARGE, plain)) is not None:
@@ -111,9 +115,10 @@ def _parameters(function: Callable) -> tuple[tuple[str, object, bool], ...]:
     return tuple((p.name, _without_none(hints.get(p.name)), p.default is not p.empty) for p in parameters)
 
 
-def _keyword_only(function: Callable) -> list[str]:
+@cache
+def _keyword_only(function: Callable) -> tuple[str, ...]:
     parameters = inspect.signature(function).parameters.values()
-    return [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
+    return tuple(parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY)
 
 
 def _without_none(kind: object) -> object:

@@ -1,8 +1,7 @@
-"""What every job of the workflow does around its science: pin the numerics, load, save, and report failures."""
+"""What every job of the workflow does around its science: load, save, and report failures."""
 
 import contextlib
 import errno
-import functools
 import os
 import sys
 import traceback
@@ -39,15 +38,18 @@ class Job:
 
         values: plain inputs by "section.name"; by default those of the job's params.
         """
-        files = dict(self.input.items())
+        return self._given(self.params.made["inputs"] if values is None else values, dict(self.input.items()))
 
+    def _given(self, values: Mapping[str, object], files: Mapping[str, str | list[str]]) -> Arguments:
         def load(name: str, kind: type) -> object:
+            if name not in files:
+                return None
             if name != "chunks":
-                return self.load(files[name], kind) if name in files else None
-            (of,), paths = typing.get_args(kind), files.get(name, [])
-            return [self.load(path, of) for path in ([paths] if isinstance(paths, str) else paths)] or None
+                return self.load(files[name], kind)
+            (of,), paths = typing.get_args(kind), files[name]
+            return [self.load(path, of) for path in ([paths] if isinstance(paths, str) else paths)]
 
-        return Arguments(self.params.made["inputs"] if values is None else values, load)
+        return Arguments(values, load)
 
     def load(self, path: str, kind: type) -> object:
         """Return an artifact from one of the job's input files."""
@@ -67,13 +69,8 @@ class Job:
 
     def readings(self) -> dict[str, Arguments]:
         """Return what claims and tables over readings can ask for, by reading."""
-
-        def load(files: Mapping[str, str], name: str, kind: type) -> object:
-            return self.load(files[name], kind) if name in files else None
-
         made = self.params.made
-        files = made["artifacts"].items()
-        return {reading: Arguments(made["inputs"][reading], functools.partial(load, paths)) for reading, paths in files}
+        return {reading: self._given(made["inputs"][reading], files) for reading, files in made["artifacts"].items()}
 
     def of_readings(self, function: typing.Callable) -> dict[str, tuple]:
         """Return the argument `readings` of a function: inputs and records by reading, of the types that it annotates.
@@ -120,7 +117,7 @@ class Job:
 
     @property
     def _artifacts(self) -> dict[str, tuple]:
-        """Paper, reading and recipe of the job's input store, by file."""
+        """Paper, reading and recipe of the job's input artifacts, by file."""
         return self._build.get("artifacts", {})
 
     @property

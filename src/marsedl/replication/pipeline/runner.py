@@ -124,18 +124,15 @@ class Run:
             raise InputError(f"{self.paper.slug}: case '{case}' has no trials; give it some, or ask for another case")
         return self.paper.stages[stage]
 
-    def compute(self, name: str, **further) -> typing.Any:
-        """Return what the stage of an artifact computes, from the records that it needs.
-
-        further: arguments beside inputs and records, of the stage's first function.
-        """
+    def compute(self, name: str) -> typing.Any:
+        """Return what the stage of an artifact computes, from the records that it needs."""
         stage = self.paper.stages[name.partition(".")[0]]
-        return computed(stage.entries, self.given(stage.inputs), self.flown.get(name), **further)
+        return computed(stage.entries, self.given(stage.inputs), self.flown.get(name))
 
-    def given(self, names: typing.Iterable[str] | None = None, **further) -> Arguments:
+    def given(self, names: Iterable[str] | None = None) -> Arguments:
         """Return what a function can ask for: some inputs, or all, and the records of the run."""
         values = self.values if names is None else {name: self.values[name] for name in names}
-        return Arguments(values, self.artifact, further)
+        return Arguments(values, self.artifact)
 
     def table(self, stem: str, published: Mapping[str, typing.Any]) -> typing.Any:
         """Return a table of this reading; published: the printed claims by id."""
@@ -149,20 +146,17 @@ class Run:
         return self.record(parameter) if parameter in self.paper.stages else None
 
 
-def computed(
-    entries: Iterable[str], given: Arguments, flown: Mapping[str, object] | None = None, **further
-) -> typing.Any:
+def computed(entries: Iterable[str], given: Arguments, flown: Mapping[str, object] | None = None) -> typing.Any:
     """Return what a stage computes, in a run and in a job.
 
     Args:
         entries: its functions; what one returns, the next one gathers.
         given: what they can ask for.
         flown: fields of `Flown`, for a stage that flies trials.
-        further: arguments of the first function.
 
     """
     first, *following = map(function_of, entries)
-    record = given.call(first, **further, **({"flown": Flown(**flown)} if flown else {}))
+    record = given.call(first, **({"flown": Flown(**flown)} if flown else {}))
     for function in following:
         record = given.call(function, chunks=[record])
     return record

@@ -37,7 +37,7 @@ REBUILD = (
 CITATION = "The marsedl developers: marsedl, replications of papers on Mars entry, descent and landing, version 0.1.0."
 
 
-Paths = Mapping[str, Mapping[str, str]]  # files of the store, by reading and name
+Paths = Mapping[str, Mapping[str, str]]  # files of the artifacts, by reading and name
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
 
 
 def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed: str) -> list[list[str]]:
-    """What each artifact was made from, the first row the header: other store, a seed, and code by its digest.
+    """What each artifact was made from, the first row the header: other artifacts, a seed, and code by its digest.
 
     Trials of a Monte Carlo case are scattered into any number of jobs, and its own provenance speaks of these: what
     stands here are the needs of its stage and the `seed` of the reading.

@@ -12,8 +12,6 @@ from marsedl.replication.inputs.messages import Keys, Place, checked
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 
-FILE = "texts.yaml"  # in the folder of a paper, and in that of the comparisons
-
 
 def _with_quotes(text: str) -> str:
     """A text whose quotes of numbers are well-formed; what they name is looked up when they are filled."""
