@@ -44,7 +44,7 @@ def test_claims_and_tables_cope_with_few_flights(copied, slug, monkeypatch):
     inputs, shared = study.readings["corrected"].inputs, Shared(paper, study)
     published = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
     counts = [name for name, value in inputs.plain().items() if name.endswith("trials") and value]
-    for trials in (1, 2, 3) if slug == "powered_descent" else (1, 2):
+    for trials in (1, 2, 3):
         values = inputs.plain() | dict.fromkeys(counts, trials)
         cases = {case: trials for case, name in inputs.CASES.items() if values[name]}
         memory = Flights(counts, lambda name: copied.build / shared.file("corrected", name))

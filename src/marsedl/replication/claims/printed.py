@@ -182,10 +182,7 @@ def _printed_claim(path: Path, number: int, entry: Any) -> tuple[PublishedClaim,
 
 
 def published_of(params) -> dict[str, dict]:
-    """Return the printed claims by id, as the argument `published`; nothing if a job of these params shows none.
-
-    It is no method of a job, so that an edit of how claims are read does not make every stage anew.
-    """
+    """Return the printed claims by id, as the argument `published`; nothing if a job of these params shows none."""
     if not params.made["printed"]:
         return {}
     return {"published": {claim.id: claim for claim in load_published(params.published)}}
