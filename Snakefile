@@ -21,13 +21,10 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
-include: "workflow/rules/functions.smk"
 include: "workflow/rules/stages.smk"
 include: "workflow/rules/products.smk"
-include: "workflow/rules/comparison.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/report.smk"
-include: "workflow/rules/verify.smk"
 
 
 onstart:
@@ -44,13 +41,27 @@ rule all:
     input:
         "report/index.html",
         "report/claims.json",
-        [products(paper) + cache(paper) for paper in PAPERS],
-        compared(),
+        lambda wildcards: RECIPES.job("report/digests.json").needs,
 
 
-# After all rules, whose names a user may ask for.
+rule comparison:
+    input:
+        RECIPES.compared(),
+
+
+for _paper in PAPERS:
+
+    rule:
+        name:
+            _paper
+        input:
+            RECIPES.products(_paper),
+
+
+# After all rules, whose names a user may ask for. Another workflow that uses this one as a module has words of its own.
 try:
-    targets.check_targets(WORDS, [rule.name for rule in workflow.rules], RECIPES)
+    if IS_MAIN:
+        targets.check_targets(targets.words_of(sys.argv), [rule.name for rule in workflow.rules], RECIPES)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 # What the jobs are planned from is kept for them and for the next plan: now, and with what is read while planning.

@@ -20,26 +20,30 @@ WIDE = "-mprefer-vector-width=512"  # on processors that have such vectors; with
 @cache
 def library(name):
     """The shared library of `name`.c in this folder; None, after a loud word, where no compiler is."""
-    found = [command for command in ("cc", "gcc", "clang") if shutil.which(command)]
-    if not (compiler := shlex.split(os.environ.get("CC", "")) or found[:1]):
+    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    if not compiler:
         print(f"NO C COMPILER: flights in C are SKIPPED ({name}.c); install one, or name it by CC", file=sys.stderr)
         return None
-    source, target = Path(__file__).with_name(f"{name}.c"), Path(tempfile.mkdtemp()) / f"{name}.so"
+    source, target = Path(__file__).with_name(f"{name}.c"), f"{tempfile.mkdtemp()}/{name}.so"
     flags = [*FLAGS.split(), *[WIDE] * (os.uname().machine == "x86_64")]
-    subprocess.run([*compiler, *flags, "-o", str(target), str(source), "-lm"], check=True)
-    return ctypes.CDLL(str(target))
+    subprocess.run([*shlex.split(compiler), *flags, "-o", target, source, "-lm"], check=True)
+    return ctypes.CDLL(target)
 
 
-def pointer(array):
-    """Address of a C-contiguous array of doubles or integers."""
-    assert array.flags.c_contiguous
-    return array.ctypes.data_as(ctypes.c_void_p)
+def call(function, values, arrays):
+    """Call a C function with a structure of these values in their order, and with C-contiguous arrays.
+
+    In the structure arrays are pointers, floats doubles and all others integers of 64 bits.
+    """
+    assert all(array.flags.c_contiguous for array in (*values, *arrays) if hasattr(array, "flags") and array.shape)
+    fields = [_field(value) for value in values]
+    kinds = [(f"field{number}", kind) for number, (kind, _) in enumerate(fields)]
+    structure = type("Structure", (ctypes.Structure,), {"_fields_": kinds})(*(value for _, value in fields))
+    function(ctypes.byref(structure), *(_field(array)[1] for array in arrays))
 
 
-def structure(**fields):
-    """A C structure of fields in their order: names, separated by blanks, by type."""
-    listed = [(name, kind) for kinds, kind in _TYPES.items() for name in fields.get(kinds, "").split()]
-    return type("Structure", (ctypes.Structure,), {"_fields_": listed})
-
-
-_TYPES = {"pointers": ctypes.c_void_p, "doubles": ctypes.c_double, "integers": ctypes.c_int64, "keys": ctypes.c_uint64}
+def _field(value):
+    """The type and the value of a field."""
+    if getattr(value, "shape", ()):
+        return ctypes.c_void_p, value.ctypes.data_as(ctypes.c_void_p)
+    return (ctypes.c_double, value) if isinstance(value, float) else (ctypes.c_int64, int(value))

@@ -13,7 +13,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parents[1]
 OUTPUT = ROOT / "data" / "reference" / "costs.csv"
 KEY = ["where", "what"]
-COLUMNS = {
+MEASURED = {
     "jobs": ("s", "size"),
     "cpu_s": ("cpu_time", "sum"),
     "longest_s": ("s", "max"),
@@ -34,29 +34,24 @@ def kind_of(path: Path) -> tuple[str, str]:
 def measured(folder: Path) -> pd.DataFrame:
     """Return the costs of each kind of job of the build in a folder, and their sum; empty if there is none."""
     parts = []
-    for path in sorted((folder / "benchmarks").rglob("*.tsv")):
+    for path in sorted(folder.rglob("*.tsv")):
         row = pd.read_csv(path, sep="\t", na_values=["-", "NA"]).fillna({"cpu_time": 0.0, "max_rss": 0.0})
         parts += [
-            row.assign(where=w, what=k) for w, k in (kind_of(path.relative_to(folder / "benchmarks")), ("all", "sum"))
+            row.assign(where=where, what=kind) for where, kind in (kind_of(path.relative_to(folder)), ("all", "sum"))
         ]
-    return pd.concat(parts).groupby(KEY).agg(**COLUMNS).round().astype("int64") if parts else pd.DataFrame()
+    return pd.concat(parts).groupby(KEY).agg(**MEASURED).round().astype("int64") if parts else pd.DataFrame()
 
 
-def main() -> None:
-    """Write the table."""
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--ci", type=Path, help="file of lines 'part,seconds'")
     parser.add_argument("folder", type=Path, nargs="?", default=ROOT, help="of the build")
     arguments = parser.parse_args()
-    old = pd.read_csv(OUTPUT, dtype=dict.fromkeys(COLUMNS, "Int64"), index_col=KEY)
-    new = [measured(arguments.folder)]
+    old = pd.read_csv(OUTPUT, dtype=dict.fromkeys(MEASURED, "Int64"), index_col=KEY)
+    new = [measured(arguments.folder / "benchmarks")]
     if arguments.ci:
         seconds = pd.read_csv(arguments.ci, names=["what", "longest_s"]).assign(where="ci")
         new.append(seconds.astype({"longest_s": "int64"}).set_index(KEY))
     rows = pd.concat([old.query("where == 'ci'") if len(new[0]) else old, *new])
     rows = rows[~rows.index.duplicated(keep="last")].sort_index()
-    rows.astype("Int64").to_csv(OUTPUT, columns=list(COLUMNS), lineterminator="\n")
-
-
-if __name__ == "__main__":
-    main()
+    rows.astype("Int64").to_csv(OUTPUT, columns=list(MEASURED), lineterminator="\n")

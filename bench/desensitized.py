@@ -1,11 +1,10 @@
 """The desensitized landing: the path of Table 3, flights."""
 
 import time
-from functools import partial
 
 import numba
 import numpy as np
-from measuring import compare_flights, inputs_of, run, scaling
+from measuring import compare_flights, inputs_of, run, scaling, seconds
 
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import PAPER, environment, flight
@@ -26,7 +25,7 @@ def flights(found, trials):
     posed = *environment.surroundings(i.planet, i.vehicle), law, gain_vector(i.planet, i.design, SCALED_GAIN)
     errors = normals(i.ensemble.seed, 0, range(trials), 3) * 50.0
     states = environment.displaced(i.planet, found.state[0], errors)
-    return partial(flight.fly, *posed, states, substeps=i.simulation.substeps)
+    return lambda: flight.fly(*posed, states, substeps=i.simulation.substeps)
 
 
 def measure(row):
@@ -34,12 +33,9 @@ def measure(row):
     numba.set_num_threads(1)
     paper = run(PAPER.slug)
     found = paper.record("nominal")
-    start = time.process_time()
-    path = paper.record("tradeoff")
-    seconds = time.process_time() - start
-    row("path and rows of Table 3", seconds, "CPU s")
+    taken, path = seconds(lambda: paper.record("tradeoff"), time.process_time), paper.record("tradeoff")
+    row("path and rows of Table 3", taken, "CPU s")
     row("solves on it", path.solves, "1")
-    row("a solve on it", seconds / path.solves, "CPU s")
-    label = f"{TRIALS:,} flights with feedback and outputs"
-    compare_flights(row, label, TRIALS, {"kernel": flights(found, TRIALS)})
+    row("a solve on it", taken / path.solves, "CPU s")
+    compare_flights(row, f"{TRIALS:,} flights with feedback and outputs", TRIALS, {"kernel": flights(found, TRIALS)})
     scaling(row, flights(found, SCALING_TRIALS))

@@ -1,9 +1,10 @@
 """The entry funnels: the program of a stage, whole funnels by samples and by coefficients, flights, proof."""
 
 import time
+from functools import partial
 
 import numpy as np
-from measuring import inputs_of, interleaved, run
+from measuring import inputs_of, interleaved, run, seconds
 
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
 from marsedl.methods.sos.conic_program import ConicProgram
@@ -17,19 +18,12 @@ FIGURE = "fig03"
 MINUTE = 60.0  # s, the paper's "approximately one minute"
 TRIALS = 10_000
 AGREEMENT = 1e-5  # of bounds by different solvers, relative
-SOLVERS = {"Clarabel": "CLARABEL", "SCS": "SCS"}
-
-
-def closed_loop(linearization, gains):
-    """The closed loop of the corrected reading."""
-    i = inputs_of(PAPER.slug)
-    air = environment.disturbed_air(i.planet, i.uncertainty)
-    return environment.closed_loop(i.planet, i.vehicle, air, linearization, gains.half_gain)
+SOLVERS = ("Clarabel", "SCS")
 
 
 def by_coefficients(recursion, name):
     """The program of a stage with multipliers, compiled for a solver."""
-    return MultiplierProgram(SPHERES.dimensions, solver=SOLVERS[name], tolerance=recursion.program_tolerance)
+    return MultiplierProgram(SPHERES.dimensions, solver=name.upper(), tolerance=recursion.program_tolerance)
 
 
 def compare_stage(row, loop, gains, design):
@@ -39,7 +33,7 @@ def compare_stage(row, loop, gains, design):
     number = environment.slice_at(loop, spacing, studies.benchmark_slice)
     posed = stage_at(recursion, loop, gains, number, studies.benchmark_level, spacing)
     values, coefficients = posed.values(design.points), fitted(recursion, posed)
-    conic = ConicProgram(basis, SOLVERS["Clarabel"], recursion.program_tolerance)
+    conic = ConicProgram(basis, "CLARABEL", recursion.program_tolerance)
     multipliers = by_coefficients(recursion, "Clarabel")
     solves = {
         "samples, rank-one": lambda: solver(recursion)(values, basis),
@@ -49,8 +43,8 @@ def compare_stage(row, loop, gains, design):
     bounds = [solve().safe_bound for solve in solves.values()]
     np.testing.assert_allclose(bounds, bounds[0], rtol=AGREEMENT)
     taken = interleaved(list(solves.values()), 3)
-    for name, seconds in zip(solves, taken, strict=True):
-        row(f"a stage by {name}", seconds, "s")
+    for name, each in zip(solves, taken, strict=True):
+        row(f"a stage by {name}", each, "s")
     row("speed of coefficients over samples, Clarabel, a stage", taken[1] / taken[2], "ratio")
 
 
@@ -61,15 +55,10 @@ def compare_funnels(row, loop, gains, design):
     directions = uniform_directions(random, TRIALS, len(environment.STATES))
     starts = boundary_deviations(gains.shape[0], gains.initial_level, directions)
     disturbances = uniform_directions(random, TRIALS, environment.DISTURBANCES)
-    levels, outcome = propagate(recursion, loop, gains, design, spacing)
+    funnel = partial(propagate, recursion, loop, gains, design, spacing)
+    levels, outcome = funnel()
     assert np.isfinite(levels).all(), outcome
-    fast, flights = interleaved(
-        [
-            lambda: propagate(recursion, loop, gains, design, spacing),
-            lambda: fly(loop, gains.shape, starts, disturbances),
-        ],
-        3,
-    )
+    fast, flights = interleaved([funnel, partial(fly, loop, gains.shape, starts, disturbances)], 3)
     row("whole funnel by samples, rank-one", fast, "s", below=MINUTE)
     for name in SOLVERS:
         program, found, start = by_coefficients(recursion, name), [gains.initial_level], time.perf_counter()
@@ -88,14 +77,12 @@ def compare_funnels(row, loop, gains, design):
 
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
-    paper = run(PAPER.slug)
-    gains, design = paper.record("gains"), samples(inputs_of(PAPER.slug).recursion)
-    loop = closed_loop(paper.record("linearization"), gains)
+    paper, i = run(PAPER.slug), inputs_of(PAPER.slug)
+    gains, design, air = paper.record("gains"), samples(i.recursion), environment.disturbed_air(i.planet, i.uncertainty)
+    loop = environment.closed_loop(i.planet, i.vehicle, air, paper.record("linearization"), gains.half_gain)
     compare_stage(row, loop, gains, design)
     fast = compare_funnels(row, loop, gains, design)
-    start = time.perf_counter()
-    found = paper.record("proven")
-    seconds = time.perf_counter() - start
-    assert found.proven, found.outcome
-    row("proven funnel", seconds, "s")
-    row("cost of the proven funnel over the funnel", seconds / fast, "ratio")
+    slow = seconds(lambda: paper.record("proven"))
+    assert paper.record("proven").proven, paper.record("proven").outcome
+    row("proven funnel", slow, "s")
+    row("cost of the proven funnel over the funnel", slow / fast, "ratio")

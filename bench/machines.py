@@ -6,25 +6,20 @@ worst margin of every artifact in data/reference/machines.csv. Rows of other mac
 """
 
 import argparse
-import csv
-import json
 import subprocess
 import sys
-from itertools import groupby
 from pathlib import Path
 
-from marsedl.papers import SLUGS, rounding_noise
+import pandas as pd
+
+from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.checks.reference import compare, fingerprints, format_changes
 from marsedl.replication.checks.twice import copy_tree, snakemake
 from marsedl.replication.claims.committed import VERDICTS
-from marsedl.replication.records.tables import read_table
-from marsedl.replication.sizes import build_folder
-from marsedl.replication.terminal import columns
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "data" / "reference" / "machines.csv"
-HEADER = ("machine", "setting", "paper", "artifact", "numbers", "beyond", "margin", "worst")
-LIBRARIES = ("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py")
+COLUMNS = ["artifact", "numbers", "beyond", "margin", "worst"]
 # OpenBLAS's oldest kernels for machines with AVX2, NumPy without what its build dispatches to, LLVM's plain x86-64, and
 # a mathematical library without vector units and fused products; then the widest of the same.
 INSTRUCTION_SETS = {
@@ -44,61 +39,50 @@ from marsedl.replication.pipeline import kernel_cache
 NUMERIC_ENVIRONMENT.update({variables!r})
 kernel_cache.vector_features = lambda: ""
 """
-VERSIONS = f"""
-import json, platform
+VERSIONS = """
+import platform
 from importlib.metadata import version
-print(json.dumps({{"Python": platform.python_version(), **{{name: version(name) for name in {LIBRARIES!r}}}}}))
+names = "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py"
+print("Python", platform.python_version() + "".join(f", {name} {version(name)}" for name in names))
 """
 
 
-def versions(python: str) -> str:
-    """The versions of a Python and of its libraries, in words."""
-    output = subprocess.run([python, "-c", VERSIONS], capture_output=True, text=True, check=True).stdout
-    return ", ".join(f"{name} {version}" for name, version in json.loads(output).items())
-
-
-def build(folder: Path, slugs: list[str], cores: int, variables: dict[str, str], python: str | None = None) -> None:
+def build(folder, slugs, cores, variables, python=sys.executable):
     """Build the claims of some papers at the smoke size in an empty folder, with other pins or another Python."""
     copy_tree(ROOT, folder)
     if variables:
         with (folder / PINNED_IN).open("a", encoding="utf-8") as file:
             file.write(PINS.format(variables=variables))
     print(f"smoke build in {folder}", flush=True)
-    targets = [f"report/claims/{slug}.json" for slug in slugs]
-    process = snakemake(folder, *targets, "--cores", str(cores), "--config", "size=smoke", nice=19, python=python)
+    arguments = *(f"report/claims/{slug}.json" for slug in slugs), "--cores", str(cores), "--config", "size=smoke"
+    process = snakemake(folder, *arguments, python=("nice", "-n", "19", python))
     if process.returncode:
         sys.exit(f"the smoke build in {folder} failed:\n{process.stdout[-3000:]}")
 
 
-def compared(pinned: Path, folder: Path, slug: str) -> list[tuple[str, ...]]:
-    """Rows of the table for one paper, without the machine: verdicts, claims, and every artifact."""
+def compared(pinned, other, slug):
+    """A row for the verdicts of a paper and one for each artifact: how many numbers, how far they move."""
     entries = []
-    for made in (build_folder(root, "smoke") for root in (pinned, folder)):
+    for made in (folder / "build" / "smoke" for folder in (pinned, other)):
         paths = sorted(made.glob(f"data/cache/{slug}/*/*.h5"))
         entries.append(fingerprints(made, slug, {f"{path.parent.name}/{path.stem}": path for path in paths}))
-    comparison = compare(*entries, rounding_noise().get(slug, ()))
+    comparison = compare(*entries, catalogue(slug).noise)
     if comparison.changes:
         print(format_changes(comparison), flush=True)
     changed = [change.name for change in comparison.of(VERDICTS)]
     verdicts = sum(len(entry) for name, entry in entries[0].items() if name.startswith(VERDICTS))
-    rows = [(slug, "verdicts", str(verdicts), str(len(changed)), "", "; ".join(changed))]
+    rows = [("verdicts", verdicts, len(changed), "", "; ".join(changed))]
     margins = {name: value for name, value in comparison.margins.items() if name not in comparison.by_shape}
     margins |= {change.name: change.margin for change in comparison.of("")}  # those that one build lacks, too
-    for artifact, group in groupby(sorted(margins, key=artifact_of), key=artifact_of):
-        names = sorted(group)
-        worst, beyond = max(names, key=margins.get), sum(margins[name] > 1 for name in names)
-        where = worst.replace(f"{artifact}/", "", 1) if margins[worst] > 0 else ""
-        rows.append((slug, artifact, str(len(names)), str(beyond), f"{margins[worst]:.1e}", where))
-    return rows
+    artifact_of = {name: name.split("/")[0 if name.startswith("claims/") else 1] for name in margins}
+    for artifact, of_artifact in pd.Series(margins, dtype=float).sort_index().groupby(artifact_of):
+        margin, beyond = of_artifact.max(), int((of_artifact > 1).sum())
+        worst = of_artifact.idxmax().replace(f"{artifact}/", "", 1) if margin > 0 else ""
+        rows.append((artifact, len(of_artifact), beyond, f"{margin:.1e}", worst))
+    return pd.DataFrame(rows, columns=COLUMNS).astype(str)
 
 
-def artifact_of(name: str) -> str:
-    """The artifact, without its reading, that a number of this name is of, or `claims`."""
-    first, second, _ = name.split("/")
-    return first if first == "claims" else second
-
-
-def main() -> int:
+def main():
     """Build and compare one machine after the other; returns 1 if a verdict or a number beyond tolerance changes."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", choices=[[], *INSTRUCTION_SETS], metavar="sse|avx512")
@@ -106,24 +90,26 @@ def main() -> int:
     parser.add_argument("--paper", action="append", default=[], choices=SLUGS, help="only this paper")
     parser.add_argument("--cores", type=int, default=2, help="cores of each build (default: %(default)s)")
     options = parser.parse_args()
-    slugs, folder, rows = options.paper or list(SLUGS), ROOT / "build" / "machines", []
+    slugs, folder = options.paper or list(SLUGS), ROOT / "build" / "machines"
     pythons = dict(text.split("=", 1) for text in options.libraries)
-    names = [*(options.names or ([] if pythons else INSTRUCTION_SETS)), *pythons]
+    table = pd.read_csv(TABLE, dtype=str, keep_default_na=False)
+    order, new = list(table["machine"].unique()), []
     build(folder / "pinned", slugs, options.cores, {})
-    for name in names:
-        variables = INSTRUCTION_SETS.get(name, {})
-        setting = "; ".join(f"{key}={value}" for key, value in variables.items()) or versions(pythons[name])
-        build(folder / name, slugs, options.cores, variables, pythons.get(name))
+    for name in [*(options.names or ([] if pythons else INSTRUCTION_SETS)), *pythons]:
+        variables, python = INSTRUCTION_SETS.get(name, {}), pythons.get(name, sys.executable)
+        versions = subprocess.run([python, "-c", VERSIONS], capture_output=True, text=True, check=True).stdout.strip()
+        setting = "; ".join(f"{key}={value}" for key, value in variables.items()) or versions
+        build(folder / name, slugs, options.cores, variables, python)
         for slug in slugs:
-            of_paper = [(name, setting, *row) for row in compared(folder / "pinned", folder / name, slug)]
-            print(f"{name}, {slug}\n{columns([row[3:] for row in (HEADER, *of_paper)], 2)}", flush=True)
-            rows += of_paper
-    replaced = {(row[0], row[2]) for row in rows}
-    table = [*(row for row in read_table(TABLE)[1:] if (row[0], row[2]) not in replaced), *rows]
-    order = list(dict.fromkeys(row[0] for row in table))
-    with TABLE.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([HEADER, *sorted(table, key=lambda row: order.index(row[0]))])
-    return int(any(row[HEADER.index("beyond")] != "0" for row in rows))
+            rows = compared(folder / "pinned", folder / name, slug)
+            print(f"{name}, {slug}\n{rows.to_string(index=False)}", flush=True)
+            table = table[(table["machine"] != name) | (table["paper"] != slug)]
+            new.append(rows.assign(machine=name, setting=setting, paper=slug))
+    new = pd.concat(new)
+    order = dict.fromkeys([*order, *new["machine"]])
+    table = pd.concat([table, new]).sort_values("machine", key=lambda of: of.map(list(order).index), kind="stable")
+    table.to_csv(TABLE, columns=["machine", "setting", "paper", *COLUMNS], index=False, lineterminator="\n")
+    return int((new["beyond"] != "0").any())
 
 
 if __name__ == "__main__":

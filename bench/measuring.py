@@ -3,7 +3,6 @@
 import os
 import resource
 import statistics
-import sys
 import time
 from functools import cache
 from pathlib import Path
@@ -24,7 +23,7 @@ FLIGHT_REPETITIONS = 25  # a kernel and its twin in C differ by little
 
 
 class Rows:
-    """The table of results: paper, quantity, value, unit, target, whether it is met, note; the last three may be empty.
+    """The table of results; target, whether it is met, and the note may be empty.
 
     The note says what is compared with the target; it stands where the target is not met.
     """
@@ -47,15 +46,10 @@ class Rows:
         return row
 
 
-def say(text):
-    """Tell what is measured now."""
-    print(f"{text} ...", file=sys.stderr, flush=True)
-
-
 @cache
 def inputs_of(slug):
     """Inputs of a paper's corrected reading."""
-    return load_study(slug, input_model(slug), ROOT / "configs" / f"{slug}.yaml").readings["corrected"].inputs
+    return load_study(slug, input_model(slug), ROOT).readings["corrected"].inputs
 
 
 def run(slug):
@@ -70,42 +64,41 @@ def designed(slug):
     return paper
 
 
-def fly_ensembles(design, cases, trials):
-    """Fly and gather this number of trials of each case on what a run remembers of the design."""
-    for case in cases:
-        flown = Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")
-        assert np.all(flown.count + flown.excluded == trials)
+def seconds(function, clock=time.perf_counter):
+    """Seconds that a function takes."""
+    start = clock()
+    function()
+    return clock() - start
+
+
+def ensembles_seconds(design, cases, trials):
+    """CPU time (s) to fly and gather this number of trials of each case on what a run remembers of the design."""
+
+    def fly():
+        for case in cases:
+            flown = Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")
+            assert np.all(flown.count + flown.excluded == trials)
+
+    return seconds(fly, time.process_time)
 
 
 def interleaved(functions, repetitions=REPETITIONS):
     """Median wall times (s) of functions that take turns; each runs once beforehand."""
-    for function in functions:
-        function()
-    times = [[] for _ in functions]
-    for _ in range(repetitions):
-        for function, taken in zip(functions, times, strict=True):
-            start = time.perf_counter()
-            function()
-            taken.append(time.perf_counter() - start)
-    return [statistics.median(taken) for taken in times]
+    rounds = [[seconds(function) for function in functions] for _ in range(repetitions + 1)]
+    return [statistics.median(taken) for taken in zip(*rounds[1:], strict=True)]
 
 
 def cpu_seconds(function, repetitions=3):
     """Median CPU time (s) of a function."""
-    times = []
-    for _ in range(repetitions):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return statistics.median(times)
+    return statistics.median(seconds(function, time.process_time) for _ in range(repetitions))
 
 
 def compare_flights(row, label, trials, flights):
     """Rows for the same flights by several functions, by name, which take turns; returns their seconds by name."""
-    seconds = dict(zip(flights, interleaved(list(flights.values()), FLIGHT_REPETITIONS), strict=True))
-    for name, taken in seconds.items():
-        row(f"{name}, {label}", 1e6 * taken / trials, "us per trial")
-    return seconds
+    taken = dict(zip(flights, interleaved(list(flights.values()), FLIGHT_REPETITIONS), strict=True))
+    for name, each in taken.items():
+        row(f"{name}, {label}", 1e6 * each / trials, "us per trial")
+    return taken
 
 
 def same_bits(mine, theirs):

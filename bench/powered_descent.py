@@ -1,21 +1,10 @@
 """The powered descent: design, kernel against strict C and array code, scaling with threads, ensembles."""
 
-import ctypes
-
 import compiled
+import measuring
 import numba
 import numpy as np
-from measuring import (
-    REPETITIONS,
-    compare_flights,
-    cpu_seconds,
-    designed,
-    fly_ensembles,
-    inputs_of,
-    run,
-    same_bits,
-    scaling,
-)
+from measuring import run
 
 from marsedl.montecarlo.ensembles import new_trajectories, output_count
 from marsedl.montecarlo.streams import normals
@@ -31,7 +20,7 @@ ENSEMBLE = 1_000_000
 
 def problem(gains, trials):
     """Schedules, plant, initial states and draws of the closed loop, as `flight.fly` takes them, and the outputs."""
-    i = inputs_of(PAPER.slug)
+    i = measuring.inputs_of(PAPER.slug)
     durations, simulation, seed = i.mission.segment_durations, i.simulation, i.ensemble.seed
     steps = [flight.step_count(d, simulation.time_step, simulation.output_interval) for d in durations]
     times = segments.grids(durations, i.design.design_interval)
@@ -73,28 +62,16 @@ def fly_numpy(schedules, plant, every, states, draw):
     return np.array(history), np.array(observed), largest, state
 
 
-_SEGMENT = compiled.structure(
-    pointers="gain mean feedforward",
-    doubles="gravity mass_flow noise_density step",
-    integers="steps every trials first_increment",
-    keys="seed stream first_trial",
-)
-
-
 def fly_c(library, schedules, plant, initial_states, draws, *, steps_per_output):
     """`flight.fly` in C, without outcomes."""
     counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
     flown = new_trajectories(initial_states.T, sum(counts), flight.OBSERVED)
     trials, output, increment = flown.final_state.shape[1], 0, 0
     for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
-        segment = _SEGMENT(
-            *map(compiled.pointer, (control.gain, control.mean, control.feedforward)),
-            *(*plant, control.step, control.steps, every, trials, increment),
-            *(draws.seed, flight.NOISE_STREAM, draws.first_trial),
-        )
+        values = [control.gain, control.mean, control.feedforward, *map(float, (*plant, control.step))]
+        values += [control.steps, every, trials, increment, draws.seed, flight.NOISE_STREAM, draws.first_trial]
         stored = flown.history[output : output + count], flown.observed[output : output + count]
-        arrays = (flown.final_state, *stored, flown.observed_maximum)
-        library.fly_segment(ctypes.byref(segment), *map(compiled.pointer, arrays))
+        compiled.call(library.fly_segment, values, (flown.final_state, *stored, flown.observed_maximum))
         output, increment = output + count, increment + control.steps
     return flown.first(len(initial_states))
 
@@ -112,15 +89,13 @@ def compare(row, gains):
     stored = expected.history, expected.observed, expected.observed_maximum, expected.final_state
     for mine, theirs in zip(found, stored, strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
-    random = np.random.Generator(np.random.Philox(seed))
-    flights["array code"] = lambda: fly_numpy(
-        schedules, plant, every, states, lambda: random.standard_normal((2, TRIALS))
-    )
+    normal = np.random.Generator(np.random.Philox(seed)).standard_normal
+    flights["array code"] = lambda: fly_numpy(schedules, plant, every, states, lambda: normal((2, TRIALS)))
     if library := compiled.library("powered_descent"):
         flights["strict C"] = lambda: fly_c(library, *posed, steps_per_output=every)
-        same_bits(flights["strict C"](), expected)
+        measuring.same_bits(flights["strict C"](), expected)
     label = f"{TRIALS:,} trials with outputs"
-    seconds = compare_flights(row, label, TRIALS, flights)
+    seconds = measuring.compare_flights(row, label, TRIALS, flights)
     row("speed of the kernel over array code", seconds["array code"] / seconds["kernel"], "ratio", at_least=3.0)
     if library:
         ratio = seconds["strict C"] / seconds["kernel"]
@@ -130,15 +105,14 @@ def compare(row, gains):
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
-    made = designed(PAPER.slug)
-    design = cpu_seconds(lambda: run(PAPER.slug).record("nominal"), REPETITIONS)
+    made = measuring.designed(PAPER.slug)
+    design = measuring.cpu_seconds(lambda: run(PAPER.slug).record("nominal"), measuring.REPETITIONS)
     row("design with mass iteration, compiled", design, "CPU s", below=1.0)
     compare(row, made.record("gains"))
     posed, _ = problem(made.record("gains"), SCALING_TRIALS)
     whole = [schedule.steps for schedule in posed[0]]
-    scaling(row, lambda: flight.fly(*posed, steps_per_output=whole))
-    seconds = cpu_seconds(lambda: fly_ensembles(made, ["closed_loop"], ENSEMBLE), 1)
-    ours = seconds / ENSEMBLE
+    measuring.scaling(row, lambda: flight.fly(*posed, steps_per_output=whole))
+    ours = measuring.ensembles_seconds(made, ["closed_loop"], ENSEMBLE) / ENSEMBLE
     row(f"ensemble of {ENSEMBLE:,} trials, speed", 1 / ours, "trials per s and core")
     row("ensemble, statistics included", ours, "core-s per trial")
     row("the same in the paper", PAPER_CORE_SECONDS, "core-s per trial")

@@ -4,11 +4,9 @@ The printed form is the paper's own: the unknown is L, and every constraint and 
 square root of S as it stands there.
 """
 
-import time
-
 import numba
 import numpy as np
-from measuring import cpu_seconds, designed, fly_ensembles, inputs_of, interleaved
+from measuring import cpu_seconds, designed, ensembles_seconds, inputs_of, interleaved
 
 from marsedl.methods.covariance_steering.block_program import solve
 from marsedl.papers.random_field import PAPER, gains, linearization, nominal
@@ -30,9 +28,9 @@ def first_program(flown, partition):
 
 def compare_forms(row, posed):
     """Agreement of the program's two forms, then their times."""
-    objectives = [solve(posed, form=form).objective for form in ("innovations", "history")]
-    np.testing.assert_allclose(*objectives, rtol=1e-7)
-    mine, printed = interleaved([lambda: solve(posed, form="innovations"), lambda: solve(posed, form="history")])
+    forms = [lambda form=form: solve(posed, form=form) for form in ("innovations", "history")]
+    np.testing.assert_allclose(*(form().objective for form in forms), rtol=1e-7)
+    mine, printed = interleaved(forms)
     title = f"{len(posed.system.control)} intervals"
     row(f"innovations form of {title}, build and solve", mine, "s")
     row(f"printed form of {title}, build and solve", printed, "s")
@@ -42,12 +40,8 @@ def compare_forms(row, posed):
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
-    paper = designed(PAPER.slug)
-    design = cpu_seconds(lambda: designed(PAPER.slug))
+    paper, design = designed(PAPER.slug), cpu_seconds(lambda: designed(PAPER.slug))
     row("nominal, linear model and laws of three iterations, compiled", design, "CPU s")
     compare_forms(row, first_program(paper.record("nominal"), paper.record("linearization").partition))
-    laws = len(paper.record("gains").control)
-    start = time.process_time()
-    fly_ensembles(paper, MODEL.CASES, ALL_TRIALS)
-    title = f"{ALL_TRIALS:,} trials under each of {laws} laws, statistics included"
-    row(title, time.process_time() - start, "CPU s")
+    title = f"{ALL_TRIALS:,} trials under each of {len(paper.record('gains').control)} laws, statistics included"
+    row(title, ensembles_seconds(paper, MODEL.CASES, ALL_TRIALS), "CPU s")

@@ -1,20 +1,9 @@
 """The entry: design, flight kernel against strict C, scaling with threads, all cells at full size."""
 
-import ctypes
-import time
-
 import compiled
 import numba
 import numpy as np
-from measuring import (
-    compare_flights,
-    cpu_seconds,
-    designed,
-    fly_ensembles,
-    inputs_of,
-    same_bits,
-    scaling,
-)
+from measuring import compare_flights, cpu_seconds, designed, ensembles_seconds, inputs_of, same_bits, scaling
 
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.lanes import LANES
@@ -41,27 +30,13 @@ def problem(made, case, trials):
     return (plant.settings, plant.atmosphere, law, vehicles), options
 
 
-_PROBLEM = compiled.structure(
-    pointers="settings log_density log_step deviation log_retention table gain reference bank_cosine states drag lift",
-    doubles="least_drag end_time",
-    integers="nodes by_time rows cycles substeps trials",
-    keys="seed stream first_trial",
-)
-
-
 def fly_c(library, settings, air, law, vehicles, *, trigger, end_time, substeps, seed):
     """`flight.fly` in C to the velocity trigger, with the states of every guidance period and without outcomes."""
     assert trigger == "velocity"
     cycles, trials = int(np.ceil(end_time / settings["period"][0])), len(vehicles.drag_factor)
-    tables = (air.log_density, np.append(np.diff(air.log_density), 0.0), air.deviation, air.log_retention)
+    tables = air.log_density, np.append(np.diff(air.log_density), 0.0), air.deviation, air.log_retention
     flown = [pad_to_groups(part) for part in (vehicles.entry_state.T, vehicles.drag_factor, vehicles.lift_factor)]
     padded = flown[0].shape[1]
-    arrays = [np.array(part) for part in (settings, *tables, *law[1:5])] + flown
-    problem = _PROBLEM(
-        *map(compiled.pointer, arrays),
-        *(law.least_drag, end_time, len(air.altitude), law.kind == flight.BY_TIME, len(law.gain), cycles),
-        *(substeps, padded, seed, flight.DENSITY_STREAM, 0),
-    )
     stored = Trajectories(
         history=np.empty((cycles, flight.HISTORY, padded)),
         observed=np.empty((cycles, flight.OBSERVED, padded)),
@@ -70,9 +45,11 @@ def fly_c(library, settings, air, law, vehicles, *, trigger, end_time, substeps,
         outcome=np.zeros(padded, np.int8),
         length=np.empty(padded, np.int64),
     )
+    values = [np.array(part) for part in (settings, *tables, *law[1:5])] + flown
+    values += [law.least_drag, float(end_time), len(air.altitude), law.kind == flight.BY_TIME, len(law.gain), cycles]
+    values += [substeps, padded, seed, flight.DENSITY_STREAM, 0]
     outputs = stored.history, stored.observed, stored.observed_maximum, stored.length, stored.final_state
-    scratch = np.empty((len(air.altitude), LANES))
-    library.fly(ctypes.byref(problem), *map(compiled.pointer, (*outputs, scratch)))
+    compiled.call(library.fly, values, [*outputs, np.empty((len(air.altitude), LANES))])
     return stored.first(trials)
 
 
@@ -98,7 +75,5 @@ def measure(row):
         compare(row, made, case)
     posed, options = problem(made, CASES[0], SCALING_TRIALS)
     scaling(row, lambda: flight.fly(*posed, **options))
-    start = time.process_time()
-    fly_ensembles(made, MODEL.CASES, ALL_TRIALS)
-    seconds = time.process_time() - start
+    seconds = ensembles_seconds(made, MODEL.CASES, ALL_TRIALS)
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)

@@ -125,27 +125,22 @@ class Tree:
         assert text.count(old) == 1, f"{name} holds {old!r} {text.count(old)} times"
         self.path(name).write_text(text.replace(old, new), encoding="utf-8")
 
-    def set_inputs(self, reading: str, *, paper: str = "powered_descent", **values: str) -> None:
-        """Set inputs (texts of YAML) of a reading that does not set them itself yet; names without the section's."""
-        config, sections = self.path(f"configs/{paper}.yaml"), input_model(paper).sections()
-        text = config.read_text(encoding="utf-8")
-        for name, value in values.items():
-            section = next(section for section, of in sections.items() if name in of.keys())  # noqa: SIM118
-            body = re.search(rf"(?ms)^  {reading}:\n(.*?)(?=^  [a-z]|^[a-z]|\Z)", text)
-            assert body, f"there is no reading {reading}"
-            entry = f'      {name}: {{value: {value}, source: "assumed: test"}}\n'
-            heading = f"    {section}:\n"
-            if heading in body[1]:
-                changed_rules = body[1].replace(heading, heading + entry, 1)
-            else:
-                lines = body[1].rstrip("\n") + "\n"
-                changed_rules = lines + heading + entry + body[1][len(lines) :]
-            text = text[: body.start(1)] + changed_rules + text[body.end(1) :]
-        config.write_text(text, encoding="utf-8")
-
     def run(self, *arguments: str, configfile: Path | None = None, **environment: str) -> subprocess.CompletedProcess:
         """Run Snakemake with the configuration that the tree was built with."""
         return snakemake(self.folder, *self._arguments(arguments, configfile), **environment)
+
+    def works(self, *arguments: str, configfile: Path | None = None) -> str:
+        """Run Snakemake, which must succeed; returns what it says."""
+        process = self.run(*arguments, configfile=configfile)
+        assert process.returncode == 0, process.stdout[-3000:]
+        return process.stdout
+
+    def fails(self, *arguments: str, configfile: Path | None = None) -> str:
+        """Run Snakemake, which must fail without a traceback; returns what it says."""
+        process = self.run(*arguments, configfile=configfile)
+        assert process.returncode != 0, process.stdout[-3000:]
+        assert "Traceback" not in process.stdout
+        return process.stdout
 
     def start(self, *arguments: str) -> subprocess.Popen:
         """Start Snakemake in a process group of its own."""
@@ -160,16 +155,14 @@ class Tree:
 
     def plan(self, *arguments: str, configfile: Path | None = None) -> Plan:
         """Dry run: which jobs would run."""
-        process = self.run(*arguments, "--dry-run", "--quiet", "host", configfile=configfile)
-        assert process.returncode == 0, process.stdout[-3000:]
-        outputs = {}
-        for block in re.split(r"\n\[[^\n]*\]\n", process.stdout):
+        outputs, said = {}, self.works(*arguments, "--dry-run", "--quiet", "host", configfile=configfile)
+        for block in re.split(r"\n\[[^\n]*\]\n", said):
             rule = re.match(r"(?:local)?(?:rule|checkpoint) (\w+):\n", block)
             if rule:
                 listed = re.search(r"\n    output: ([^\n]*)", block)
                 paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
                 outputs.setdefault(rule.group(1), set()).update(paths)
-        assert bool(outputs) != ("Nothing to be done" in process.stdout), process.stdout[-3000:]
+        assert bool(outputs) != ("Nothing to be done" in said), said[-3000:]
         return Plan(outputs)
 
     def digests(self) -> dict[str, str]:
@@ -391,8 +384,7 @@ def small_build(tmp_path_factory) -> Spare:
     """The smoke build of the small project."""
     base = tmp_path_factory.mktemp("small")
     tree = Tree(small_project(base / "project"))
-    process = tree.run(GLIDE, HOP)
-    assert process.returncode == 0, process.stdout[-3000:]
+    tree.works(GLIDE, HOP)
     return Spare(tree.folder, shutil.copytree(tree.folder, base / "spare", symlinks=True))
 
 

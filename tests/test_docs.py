@@ -137,22 +137,19 @@ def test_the_page_on_verdicts_shows_the_thresholds_of_the_words():
     assert thresholds == {limit.words: pytest.approx(limit.at(1.0), abs=0.005) for limit in WORDS.values()}
 
 
-def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
+def test_the_readings_that_are_shown_are_accepted(tmp_path):
     """In a folder with the project's configurations, and a density table of the user's own."""
     for name in ("configs", "data"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "gram_run.csv").write_text("altitude_km,density_kg_m3\n0,0.02\n50,1e-4\n125,1e-9\n", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
     blocks = [text for page in PAGES for text in code_blocks(page, "yaml") if not text.startswith(" ")]
     texts = [text for text in blocks if "\njobs:\n" not in text]  # those of a hosted workflow are no configurations
     assert len(texts) >= 3
     for text in texts:
-        Path("mine.yaml").write_text(text, encoding="utf-8")
-        config = yaml.safe_load(text)
-        studies = load_studies(
-            {slug: input_model(slug) for slug in SLUGS}, Path("configs"), config, [Path("mine.yaml")]
-        )
-        for slug, section in config.items():
+        (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
+        models = {slug: input_model(slug) for slug in SLUGS}
+        studies = load_studies(models, tmp_path, config_files=[tmp_path / "mine.yaml"])
+        for slug, section in yaml.safe_load(text).items():
             assert section["readings"].keys() <= studies[slug].readings.keys()
 
 

@@ -29,9 +29,8 @@ def texts():
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_erratum_is_named_by_a_claim_a_reading_or_an_input_and_kept_by_readings_that_exist(slug, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    readings = load_study(slug, input_model(slug), Path("configs") / f"{slug}.yaml").readings
+def test_every_erratum_is_named_by_a_claim_a_reading_or_an_input_and_kept_by_readings_that_exist(slug):
+    readings = load_study(slug, input_model(slug), ROOT).readings
     paper, declared = catalogue(slug), claims_of(slug).declarations.values()
     named = [" ".join([*d.errata, d.reason, d.close.reason if d.close else ""]) for d in declared]
     named += [text for r in readings.values() for text in (r.summary, *(s.source for s in r.sources.values()))]

@@ -13,10 +13,10 @@ from jsonschema import Draft202012Validator
 import marsedl
 from marsedl import schemas
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication.claims.claim import Counterexample
+from marsedl.replication.claims.claim import Counterexample, Tolerance
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import write_claims
-from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect
+from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.claims.writing import holds, measure
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
@@ -104,42 +104,56 @@ def test_a_papers_configuration_is_valid(slug):
     assert faults(f"configuration_{slug}.json", read_yaml(ROOT / "configs" / f"{slug}.yaml")) == []
 
 
-def test_a_configuration_of_ones_own_is_valid_for_both(tmp_path, monkeypatch):
+def test_a_configuration_of_ones_own_is_valid_for_both(tmp_path):
     assert faults("configuration_own.json", yaml.safe_load(OWN)) == []
-    assert "mine" in studies(tmp_path, monkeypatch, OWN)["powered_descent"].readings
+    assert "mine" in studies(tmp_path, OWN)["powered_descent"].readings
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_a_schema_refuses_marsedl_refuses(fault, tmp_path, monkeypatch):
+def test_what_a_schema_refuses_marsedl_refuses(fault, tmp_path):
     right, wrong = FAULTS[fault]
     text = OWN.replace(right, wrong)
     assert text != OWN
     assert faults("configuration_own.json", yaml.safe_load(text))
     with pytest.raises(InputError):
-        studies(tmp_path, monkeypatch, text)
+        studies(tmp_path, text)
 
 
-def studies(folder, monkeypatch, text):
+def studies(folder, text):
     """What marsedl makes of a file of a user's own."""
-    monkeypatch.chdir(ROOT)
     path = folder / "mine.yaml"
     path.write_text(text, encoding="utf-8")
-    return load_studies({slug: input_model(slug) for slug in SLUGS}, Path("configs"), yaml.safe_load(text), [path])
+    return load_studies({slug: input_model(slug) for slug in SLUGS}, ROOT, config_files=[path])
 
 
 # ----------------------------------------------------------------------------------------------------------- the claims
 
-MASS = PublishedClaim("paper", "mass", "Sec. V", "final mass", 1349, "kg", "deterministic", resolution=1)
+MASS = PublishedClaim(
+    paper="paper",
+    id="mass",
+    where="Sec. V",
+    quantity="final mass",
+    printed=1349,
+    unit="kg",
+    kind="deterministic",
+    resolution=1,
+)
+
+
+def like_mass(**changes):
+    return MASS.model_copy(update=changes)
+
+
 CLAIMS = (
     MASS,
-    replace(MASS, id="near"),
-    replace(MASS, id="drawn", kind="monte_carlo", printed=[1.0, 2.0], resolution=[0.1, 0.1], trials=2000),
-    replace(MASS, id="stated", kind="qualitative", printed=True, resolution=None, unit="1"),
-    replace(MASS, id="limit", kind="input", printed=math.inf, resolution=None),
-    replace(MASS, id="open", kind="undetermined", resolution=None),
-    replace(MASS, id="quoted", kind="context", printed="as in [3]", resolution=None, note="of another paper"),
+    like_mass(id="near"),
+    like_mass(id="drawn", kind="monte_carlo", printed=[1.0, 2.0], resolution=[0.1, 0.1], trials=2000),
+    like_mass(id="stated", kind="qualitative", printed=True, resolution=None, unit="1"),
+    like_mass(id="limit", kind="input", printed=math.inf, resolution=None),
+    like_mass(id="open", kind="undetermined", resolution=None),
+    like_mass(id="quoted", kind="context", printed="as in [3]", resolution=None, note="of another paper"),
 )
-DECLARATIONS = {"near": Declaration("Why.", errata=("E1",), close=Close("a digit", relative=0.1))}
+DECLARATIONS = {"near": Declaration("Why.", errata=("E1",), close=Tolerance(reason="a digit", relative=0.1))}
 EVALUATIONS = {
     "mass": Evaluation(1349.2),
     "near": Evaluation(1340.0),
@@ -156,9 +170,10 @@ def rows(tmp_path):
     failed = EVALUATIONS | {"mass": Evaluation(math.nan), "near": None, "drawn": Evaluation([math.nan, 1.0], None, 0)}
     evaluations = {"corrected": EVALUATIONS, "printed": failed}
     turned = {"stated": Counterexample(change="scaled", of="flights.final_state", amount=1.1, to="fails")}
-    smaller = {"corrected": {"drawn": replace(EVALUATIONS["drawn"], trials=2000)}}
-    collected = collect(CLAIMS, DECLARATIONS, evaluations, smaller)
-    write_claims([row.turned_by(turned.get(row.id)) for row in collected], tmp_path / "claims.json")
+    drawn = EVALUATIONS["drawn"].compared_by(replace(EVALUATIONS["drawn"], trials=2000))
+    rows = collect(CLAIMS, DECLARATIONS, evaluations | {"corrected": EVALUATIONS | {"drawn": drawn}})
+    rows = [row.model_copy(update={"counterexample": turned.get(row.id)}) for row in rows]
+    write_claims(rows, tmp_path / "claims.json")
     return json.loads((tmp_path / "claims.json").read_text(encoding="utf-8"))
 
 

@@ -7,7 +7,6 @@ import argparse
 import contextlib
 import shlex
 import sys
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -49,83 +48,79 @@ def command_line() -> argparse.ArgumentParser:
         epilog="A reading is a complete set of inputs: 'printed' as in the paper, 'corrected' with its errors mended. "
         "A size says how much is computed: 'full', or 'smoke' with few trials. 'marsedl list' shows the papers.",
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    version = f"marsedl {marsedl.__version__}"
+    parser.add_argument("--version", action="version", version=version, help="show the version and exit")
     commands = parser.add_subparsers(
         dest="command", required=True, metavar="command", help="'marsedl COMMAND --help' shows its arguments"
     )
-    add = {}
+    parsers = {}
     for name, function in COMMANDS.items():
         summary = function.__doc__.splitlines()[0].removesuffix(".")
-        command = commands.add_parser(name, help=summary[0].lower() + summary[1:], description=function.__doc__)
-        add[name] = command.add_argument
+        parsers[name] = commands.add_parser(name, help=summary[0].lower() + summary[1:], description=function.__doc__)
 
-    add["list"]("paper", nargs="?", help="a paper, such as powered_descent (default: all papers)")
+    def add(names: str, *flags: str, **options) -> None:
+        for name in names.split():
+            parsers[name].add_argument(*flags, **options)
+
+    add("list", "paper", nargs="?", help="a paper, such as powered_descent (default: all papers)")
     for kind in overview.KINDS:
         what = f"list only the {kind} (can be combined)"
-        add["list"](f"--{kind}", dest="kinds", action="append_const", const=kind, help=what)
-    add["explain"]("paper", help="a paper, such as powered_descent")
-    add["explain"]("item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
-    shown = "the reading whose inputs are shown (default: %(default)s)"
-    add["explain"]("--reading", metavar="NAME", default=CORRECTED, help=shown)
-    add["diff"]("a", type=Path, help="a file or folder")
-    add["diff"]("b", type=Path, help="the file or folder to compare it with")
-    add["trial"]("paper", help="a paper, such as powered_descent")
-    add["trial"]("reading", help="a reading, such as corrected")
-    add["trial"]("case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
-    add["trial"]("number", type=int, help="the number of the trial, counted from 0")
-    add["trial"]("--case", metavar="NAME", help="the Monte Carlo case, given as an option")
-    rebuild = "only compare the full size with the stored numbers"
-    add["verify"]("--no-rebuild", action="store_true", help=rebuild)
-    for name in ("verify", "accept"):
-        own, one = "a folder with reference numbers of your own", "with --reference: only this paper; can be repeated"
-        add[name]("--reference", metavar="FOLDER", type=Path, help=own)
-        add[name]("--paper", metavar="NAME", action="append", default=[], help=one)
-    add["new-paper"]("slug", help="its name in files and targets, such as powered_descent")
-    add["new-paper"]("--title", default="Title to be given", help="the paper's title")
-    add["new-paper"]("--authors", default="Authors to be named", help="the paper's authors, in one line")
-    add["new-paper"]("--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
-    for name in ("list", "explain", "trial", "verify", "accept"):
-        of_own = "with --reference: " if name in ("verify", "accept") else ""
-        size = f"{of_own}use the build of this size, such as smoke (default: {FULL})"
-        add[name]("--size", metavar="NAME", help=size)
-        if name != "list":
-            file = "a file with readings of your own, as for snakemake"
-            add[name]("--configfile", metavar="FILE", type=Path, help=file)
+        add("list", f"--{kind}", dest="kinds", action="append_const", const=kind, help=what)
+    add("explain trial", "paper", help="a paper, such as powered_descent")
+    add("explain", "item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
+    add("explain", "--reading", metavar="NAME", default=CORRECTED, help="whose inputs to show (default: %(default)s)")
+    add("diff", "a", type=Path, help="a file or folder")
+    add("diff", "b", type=Path, help="the file or folder to compare it with")
+    add("trial", "reading", help="a reading, such as corrected")
+    add("trial", "case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
+    add("trial", "number", type=int, help="the number of the trial, counted from 0")
+    add("trial", "--case", metavar="NAME", help="the Monte Carlo case, given as an option")
+    add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
+    own = "with --reference: only this paper; can be repeated"
+    add("verify accept", "--reference", metavar="FOLDER", type=Path, help="reference numbers of your own")
+    add("verify accept", "--paper", metavar="NAME", action="append", default=[], help=own)
+    add("new-paper", "slug", help="its name in files and targets, such as powered_descent")
+    add("new-paper", "--title", default="Title to be given", help="the paper's title")
+    add("new-paper", "--authors", default="Authors to be named", help="the paper's authors, in one line")
+    add("new-paper", "--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
+    size = f"use the build of this size, such as smoke (default: {FULL})"
+    add("list explain trial", "--size", metavar="NAME", help=size)
+    add("verify accept", "--size", metavar="NAME", help=f"with --reference: {size}")
+    file = "a file with readings of your own, as for snakemake"
+    add("explain trial verify accept", "--configfile", metavar="FILE", type=Path, help=file)
     return parser
-
-
-class _Version(argparse.Action):
-    """Print the version; it is looked up only then."""
-
-    def __call__(self, parser, *_):
-        print(f"marsedl {marsedl.__version__}")
-        parser.exit()
 
 
 # -------------------------------------------------------------------------------------------------------- the project
 
 
 def project_root() -> Path:
-    """Return the project's folder: the working directory or the nearest one above it that holds the Snakefile.
-
-    Raises InputError if there is none.
-    """
-    current_folder = Path.cwd()
-    for folder in (current_folder, *current_folder.parents):
+    """Return the project's folder: the working directory or the nearest one above it that holds the Snakefile."""
+    for folder in (Path.cwd(), *Path.cwd().parents):
         if (folder / "Snakefile").exists() and (folder / "configs").is_dir():
             return folder
-    raise InputError(f"{current_folder} is not inside a marsedl project; change to the folder that holds its Snakefile")
+    raise InputError(f"{Path.cwd()} is not inside a marsedl project; change to the folder that holds its Snakefile")
 
 
-@dataclass(frozen=True)
-class _Project:
-    """The project in the size that a command asks for, with readings of the user's own."""
+class Project:
+    """The project in the size that a command asks for, else that of a user's file, with the readings in this file."""
 
-    root: Path
-    size: str
-    folder: Path  # of the products of this size
-    studies: dict
-    options: str  # of snakemake, to build this size with these readings
+    def __init__(self, size: str | None = None, config_file: Path | None = None):
+        """Load all studies; raises InputError as `load_studies`."""
+        from marsedl.papers import SLUGS, input_model
+        from marsedl.replication.inputs.readings import load_studies
+
+        self.root, models = project_root(), {slug: input_model(slug) for slug in SLUGS}
+        config, files = {"size": size} if size else {}, [config_file] if config_file else []
+        self.studies = load_studies(models, self.root, config, files)
+        self.size = self.studies[SLUGS[0]].size
+        self.folder = build_folder(self.root, self.size)  # of the products of this size
+        # Of snakemake, to build this size with these readings.
+        self.options = f" --config size={shlex.quote(size)}" if size and size != FULL else ""
+        if config_file is not None:
+            path, root = config_file.resolve(), self.root.resolve()
+            path = path.relative_to(root) if path.is_relative_to(root) else path
+            self.options += f" --configfile {shlex.quote(str(path))}"
 
     @cached_property
     def _claims(self) -> list | None:
@@ -145,11 +140,19 @@ class _Project:
 
         return load_published(self.root / "data" / "published" / f"{slug}.yaml")
 
+    def reading(self, slug: str, name: str):
+        """A reading of a paper; raises InputError if there is none of this name."""
+        readings = self.studies[slug].readings
+        if name not in readings:
+            raise InputError(f"{slug} has no reading '{name}'; {nearest(name, readings)}")
+        return readings[name]
+
     def quotes(self, slug: str, reading: str = CORRECTED):
         """The numbers of this size that texts of a paper can quote."""
         from marsedl.replication.claims.quotes import Quotes
 
-        return Quotes(self.verdicts(slug), self.studies[slug].readings, reading)
+        verdicts = self.verdicts(slug)
+        return Quotes(verdicts and verdicts.values(), self.studies[slug].readings, reading)
 
     def paper(self, slug: str, reading: str = CORRECTED):
         """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
@@ -161,43 +164,22 @@ class _Project:
         return with_numbers(_catalogue(slug), self.quotes(slug, reading))
 
 
-def _project(size: str | None = None, config_file: Path | None = None) -> _Project:
-    """Load the studies of all papers with a user's own readings; `size` overrides that of the file."""
-    from marsedl.papers import SLUGS, input_model
-    from marsedl.replication.inputs.readings import SETTINGS, load_studies, read_own_file
-
-    root = project_root()
-    files = [] if config_file is None else [config_file.absolute()]
-    config = {} if config_file is None else read_own_file(config_file, (*SLUGS, *SETTINGS))
-    if size:
-        config = {**config, "size": size}
-    with contextlib.chdir(root):  # from where files named by inputs are read
-        studies = load_studies({slug: input_model(slug) for slug in SLUGS}, Path("configs"), config, files)
-    options = f" --config size={shlex.quote(size)}" if size and size != FULL else ""
-    if config_file is not None:
-        path = config_file.resolve()
-        path = path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path
-        options += f" --configfile {shlex.quote(str(path))}"
-    built = str(config.get("size", FULL))
-    return _Project(root, built, build_folder(root, built), studies, options)
-
-
 def _catalogue(slug):
     """The catalogue of a paper. What it took to read the code for it is kept for the next command."""
-    from marsedl.papers import SLUGS, catalogue
+    from marsedl.papers import catalogue
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
 
-    if slug not in SLUGS:
-        raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
-    paper = catalogue(slug)
+    paper = catalogue(_known(slug))
     fingerprints_of().save()
     return paper
 
 
-def _reading(study, name):
-    if name not in study.readings:
-        raise InputError(f"{study.paper} has no reading '{name}'; {nearest(name, study.readings)}")
-    return study.readings[name]
+def _known(slug: str) -> str:
+    from marsedl.papers import SLUGS
+
+    if slug not in SLUGS:
+        raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
+    return slug
 
 
 def _say(*texts: object) -> None:
@@ -216,38 +198,15 @@ def _list(options) -> int:
     """
     from marsedl.papers import SLUGS
 
-    papers = [_catalogue(slug) for slug in ([options.paper] if options.paper else SLUGS)]
+    slugs = [_known(options.paper)] if options.paper else SLUGS
+    project = Project(options.size) if options.paper or options.kinds or options.size else None
     if options.paper or options.kinds:
-        project = _project(options.size)
-        for paper in papers:
-            _say(*overview.listed(project, project.paper(paper.slug), options.kinds))
-    else:
-        if options.size:
-            _project(options.size)  # raises InputError for an unknown size
-        _list_papers(papers)
-    return 0
-
-
-def _list_papers(papers) -> None:
-    """Count what every paper has; its readings are not validated, as that takes longest."""
-    from marsedl.papers import input_model
-    from marsedl.replication.claims.printed import load_published
-    from marsedl.replication.inputs.readings import configured_readings
-
-    root = project_root()
-    for paper in papers:
-        model = input_model(paper.slug)
-        items = {
-            "readings": configured_readings(root / "configs" / f"{paper.slug}.yaml"),
-            "figures": paper.figures,
-            "tables": [*paper.tables, *paper.summaries, "claims"],
-            "stages": paper.stages,
-            "cases": model.CASES,
-            "claims": load_published(root / "data" / "published" / f"{paper.slug}.yaml"),
-        }
-        _say(f"{overview.heading(paper)}\n  {overview.counts(items)}\n")
+        _say(*(line for slug in slugs for line in overview.listed(project, project.paper(slug), options.kinds)))
+        return 0
+    _say(*(overview.counted(project_root(), slug) for slug in slugs))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
-    _say("targets: " + ", ".join([*TARGETS, *(paper.slug for paper in papers)]))
+    _say("targets: " + ", ".join([*TARGETS, *slugs]))
+    return 0
 
 
 def _explain(options) -> int:
@@ -256,21 +215,21 @@ def _explain(options) -> int:
     Shows the artifacts, the inputs with their sources and the code behind it, and the verdict on a claim.
     """
     paper, name = _catalogue(options.paper), options.item
-    project = _project(options.size, options.configfile)
-    reading = _reading(project.studies[paper.slug], options.reading)
-    claims = {claim.id: claim for claim in project.published(paper.slug)}
+    slug, project = paper.slug, Project(options.size, options.configfile)
+    reading = project.reading(slug, options.reading)
+    claims = {claim.id: claim for claim in project.published(slug)}
     kinds = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)]
     if name is None:
         _say(*overview.explained_paper(project, paper, reading))
     elif name in claims:
         _say(*overview.explained_claim(project, claims[name]))
     elif kinds:
-        full = project if project.size == FULL else _project(FULL, options.configfile)
-        quoted, unlimited = project.paper(paper.slug, reading.name), full.studies[paper.slug].readings[reading.name]
-        _say(*overview.explained_item(project, quoted, reading, unlimited.inputs, name, kinds))
+        full = project if project.size == FULL else Project(FULL, options.configfile)
+        quoted, unlimited = project.paper(slug, reading.name), full.reading(slug, reading.name).inputs
+        _say(*overview.explained_item(project, quoted, reading, unlimited, name, kinds))
     else:
         names = [*paper.figures, *paper.tables, *paper.stages, *claims]
-        raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, names)}")
+        raise InputError(f"{slug} has no figure, table, stage or claim '{name}'; {nearest(name, names)}")
     return 0
 
 
@@ -279,11 +238,11 @@ def _diff(options) -> int:
 
     Prints what differs and by how much. The exit status is 1 if anything differs.
     """
-    from marsedl.replication.records.differences import difference, format_difference
+    from marsedl.replication.records.differences import difference
 
-    rows = difference(options.a, options.b)
-    _say(format_difference(rows))
-    return 1 if rows else 0
+    lines = difference(options.a, options.b)
+    _say("\n".join(lines) or "no difference")
+    return 1 if lines else 0
 
 
 def _trial(options) -> int:
@@ -294,14 +253,13 @@ def _trial(options) -> int:
     from marsedl.replication.pipeline import numerics, runner
 
     numerics.pin_numerics(project_root())
-    paper = _catalogue(options.paper)
-    project = _project(options.size, options.configfile)
-    study = project.studies[paper.slug]
-    reading = _reading(study, options.reading)
-    if not reading.inputs.CASES:
+    paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
+    cases = project.reading(paper.slug, options.reading).inputs.CASES
+    if not cases:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
-    trial = options.case or next(iter(reading.inputs.CASES)), options.number
-    _say(runner.replay(project.folder, paper, study, reading.name, trial, project.options))
+    trial = options.case or next(iter(cases)), options.number
+    study = project.studies[paper.slug]
+    _say(runner.replay(project.folder, paper, study, options.reading, trial, project.options))
     return 0
 
 
@@ -311,13 +269,12 @@ def _verify(options) -> int:
     Builds the smoke size twice and compares every file, then compares the full-size build with the stored numbers. With
     --reference it only compares a build with numbers of your own. The exit status is 1 if anything differs.
     """
-    from marsedl.papers import rounding_noise
     from marsedl.replication.checks import reference, twice
 
     project, shared, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
-    agree = reference.compare_reference(project.root, shared, rounding_noise(), project.size, folder)
+    agree = reference.compare_reference(project.root, project.folder, shared, folder)
     return 0 if agree and equal else 1
 
 
@@ -327,12 +284,12 @@ def _accept(options) -> int:
     Prints what changes in data/reference. Run it after a full build whose changes you have looked at. With --reference
     it stores the numbers of a build in a folder of your own.
     """
-    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference
     from marsedl.replication.claims import quotes
 
     project, shared, folder = _up_to_date(options)
-    paths = reference.accept_reference(project.root, shared, rounding_noise(), project.size, folder)
+    paths = reference.accept_reference(project.root, project.folder, shared, folder)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
         _say(f"wrote {reference.accept_inputs(project.root, project.studies)}")
@@ -342,14 +299,10 @@ def _accept(options) -> int:
     return 0
 
 
-def _up_to_date(options) -> tuple[_Project, dict, Path | None]:
-    """What `verify` and `accept` are about: a build whose claims are up to date.
+def _up_to_date(options) -> tuple[Project, dict, Path | None]:
+    """The project, which reading owns each artifact by paper, and the folder of a user's own reference.
 
-    Returns the project, which reading owns each artifact file, by paper, and the folder of a user's own reference; of
-    a build without one, counterexamples are up to date as well.
-
-    Raises InputError for options that only a reference of one's own takes, and StaleError, with the command that mends
-    it, if one of the claims or what they are made from is not up to date.
+    Raises StaleError, with the command that helps, if claims or what they are made from are not up to date.
     """
     from marsedl.comparison import comparisons
     from marsedl.papers import SLUGS
@@ -359,7 +312,7 @@ def _up_to_date(options) -> tuple[_Project, dict, Path | None]:
     if given and options.reference is None:
         raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
-    project = _project(options.size, options.configfile)
+    project = Project(options.size, options.configfile)
     catalogues = {slug: _catalogue(slug) for slug in SLUGS}
     recipes = Recipes(project.root, catalogues, project.studies, comparisons(), project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]

@@ -5,9 +5,11 @@ A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers t
 
 import re
 from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
 
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import FLIGHTS, entry_of
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, entry_of
 from marsedl.replication.terminal import columns
 
 KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
@@ -20,51 +22,65 @@ MADE_BY = {  # what Snakemake is asked for to make an item of a kind
 }
 
 
-def heading(paper) -> str:
-    """Return the name, title and authors of a paper."""
+def _heading(paper) -> str:
     return f"{paper.slug}\n  {paper.title}\n  {paper.authors}"
 
 
-def counts(items: dict) -> str:
-    """Return the number of items of each kind, such as "7 figures, 1 table"."""
+def _counts(items: dict) -> str:
+    """The number of items of each kind, such as "7 figures, 1 table"."""
     return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
 
 
-def items(project, paper) -> dict[str, list[tuple[str, ...]]]:
-    """Return what a paper has of each kind: a row for each item, its name first."""
-    readings = project.studies[paper.slug].readings
-    inputs = (readings.get(CORRECTED) or next(iter(readings.values()))).inputs
+def counted(root: Path, slug: str) -> str:
+    """Return how many of each kind a paper has by its files, whose content is not checked, as that takes longest."""
+    from marsedl.replication.inputs.yaml_file import read_yaml
+    from marsedl.replication.pipeline.declarations import stage_entries
+    from marsedl.replication.pipeline.fingerprints import fingerprints_of
+
+    package = import_module(f"marsedl.papers.{slug}")
+    config, printed = read_yaml(root / f"configs/{slug}.yaml"), read_yaml(root / f"data/published/{slug}.yaml")
+    texts, sources = read_yaml(Path(package.__file__).with_name(TEXTS)), fingerprints_of()
+    stages = stage_entries(slug, sources)
+    sources.save()  # for the next command
+    items = {
+        "readings": config["readings"],
+        "figures": texts["figures"] or (),
+        "tables": [*(texts.get("tables") or ()), *(texts.get("over_readings") or ()), "claims"],
+        "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
+        "cases": config["chunks"],
+        "claims": printed["claims"],
+    }
+    return f"{_heading(package.PAPER)}\n  {_counts(items)}\n"
+
+
+def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
+    """What a paper has of each kind: a row for each item, its name first."""
+    readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
     verdicts = {name: claim.verdict for name, claim in (project.verdicts(paper.slug) or {}).items()}
-    summaries = {**paper.summaries, "claims": "Every printed claim with its verdict."}
-    beyond = [(stem, f"{_first_sentence(caption)} (all readings)") for stem, caption in summaries.items()]
+    inputs = readings[CORRECTED].inputs
+    over_readings = {**paper.summaries, "claims": "Every printed claim with its verdict."}
+
+    def first_sentence(caption: str) -> str:
+        return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")  # the full stop of "Fig. 9" ends no sentence
+
     return {
-        "readings": [
-            (name, reading.summary + (f" (based on {reading.based_on})" if reading.based_on else ""))
-            for name, reading in readings.items()
-        ],
-        "figures": [(stem, _first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
-        "tables": [(stem, _first_sentence(table.caption)) for stem, table in paper.tables.items()] + beyond,
+        "readings": [(n, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for n, r in readings.items()],
+        "figures": [(stem, first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
+        "tables": [(stem, first_sentence(table.caption)) for stem, table in paper.tables.items()]
+        + [(stem, f"{first_sentence(caption)} (all readings)") for stem, caption in over_readings.items()],
         "stages": [(name, stage.meaning) for name, stage in paper.stages.items()],
         "cases": [
             (case, f"{inputs.get(name):,} trials", f"input {name}: {inputs.meaning(name)}")
             for case, name in inputs.CASES.items()
         ],
-        "claims": [
-            (claim.id, verdicts.get(claim.id) or "–", claim.where, claim.quantity)
-            for claim in project.published(paper.slug)
-        ],
+        "claims": [(c.id, verdicts.get(c.id) or "–", c.where, c.quantity) for c in claims],
     }
-
-
-def _first_sentence(caption) -> str:
-    """Without its full stop; that of "Fig. 9" ends no sentence."""
-    return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")
 
 
 def listed(project, paper, kinds) -> Iterator[str]:
     """Yield what a paper has of some kinds, or of all, with the commands that make it."""
-    rows = items(project, paper)
-    yield paper.slug if kinds else heading(paper)
+    rows = _items(project, paper)
+    yield paper.slug if kinds else _heading(paper)
     add = f"; add{project.options}" if project.options else ""
     for kind in kinds or KINDS:
         command = f" (snakemake {MADE_BY[kind].format(paper=paper.slug)}{add})" if kind in MADE_BY else ""
@@ -78,12 +94,12 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
     from marsedl.replication.claims.rows import summary
 
-    there, verdicts = items(project, paper), project.verdicts(paper.slug)
+    there, verdicts = _items(project, paper), project.verdicts(paper.slug)
     yield f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}"
     yield f"\nreadings\n{columns(there['readings'], 2)}"
     yield f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}"
     yield columns(_differing(project.studies[paper.slug].readings, reading), 2)
-    yield f"\nwhat there is (marsedl list {paper.slug})\n  {counts(there)}"
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there)}"
     yield "\nverdicts"
     if not verdicts:
         yield f"  none yet: run 'snakemake claims{project.options}'"
@@ -101,15 +117,8 @@ def _differing(readings, reading) -> list[tuple[str, str, str, str]]:
         if others:
             source = reading.sources[name]
             texts = "; ".join(f"{other.name} {other.sources[name].written}" for other in others)
-            key = f"{name.partition('.')[0]}.{source.key}"
-            rows.append((key, str(source.written), _unit(reading, name), texts))
+            rows.append((f"{name.partition('.')[0]}.{source.key}", str(source.written), source.unit, texts))
     return rows
-
-
-def _unit(reading, name) -> str:
-    """The unit in which an input "section.name" is written."""
-    suffix = reading.sources[name].key.removeprefix(name.partition(".")[2]).removeprefix("_")
-    return suffix.replace("_", "/") or reading.inputs.unit(name)
 
 
 def explained_claim(project, claim) -> Iterator[str]:
@@ -127,23 +136,16 @@ def explained_claim(project, claim) -> Iterator[str]:
     if verdict.reason:
         yield f"  {verdict.reason}"
     results = [
-        (name, result.verdict or "–", ", ".join(format_result(verdict, name)), result.evidence)
+        (name, result.verdict or "–", ", ".join(format_result(verdict, name)), "; ".join(result.evidence))
         for name, result in verdict.readings.items()
     ]
     yield columns(results, 4)
 
 
 def explained_item(project, paper, reading, full, name, kinds) -> Iterator[str]:
-    """Yield the artifacts, inputs and code behind a figure, table or stage.
+    """Yield the artifacts, inputs and code behind the first figure, table or stage of a name.
 
-    Args:
-        project: the project.
-        paper: the catalogue.
-        reading: the reading whose inputs are shown.
-        full: the inputs of this reading at full size, which limits none of them.
-        name: of the item.
-        kinds: "figures", "tables", "stages": what has this name; the first is explained.
-
+    `full` are the inputs of the reading at full size; `kinds` all of "figures", "tables", "stages" that have the name.
     """
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
 
@@ -169,20 +171,17 @@ def explained_item(project, paper, reading, full, name, kinds) -> Iterator[str]:
     yield "\nartifacts, in the order in which they are made"
     yield columns(_artifacts(project, paper, reading, artifacts), 2)
     yield "\ninputs that it depends on"
-    values, unlimited = reading.inputs.plain(), full.plain()
-    for section, of_section in reading.inputs.sections().items():
-        rows = []
-        for key in (key for key in (f"{section}.{field}" for field in of_section.model_fields) if key in names):
-            source = reading.sources[key]
-            limited = "" if values[key] == unlimited[key] else f" (size {project.size}: {values[key]})"
-            rows.append((source.key, f"{source.written}{limited}", _unit(reading, key), source.source))
-        if rows:
-            yield f"  {section}\n{columns(rows, 4)}"
-    sources = fingerprints_of(project.root)
+    values, unlimited, rows = reading.inputs.plain(), full.plain(), {}
+    for key in (key for key in values if key in names):
+        source = reading.sources[key]
+        limited = "" if values[key] == unlimited[key] else f" (size {project.size}: {values[key]})"
+        row = source.key, f"{source.written}{limited}", source.unit, source.source
+        rows.setdefault(key.partition(".")[0], []).append(row)
+    for section, of_section in rows.items():
+        yield f"  {section}\n{columns(of_section, 4)}"
     yield "\ncode that draws or computes it"
-    for symbol in dict.fromkeys(symbol for entry in entries for symbol in sources.symbols(entry)):
-        if "(at import)" not in symbol:
-            yield f"  {symbol}"
+    symbols = (symbol for entry in entries for symbol in fingerprints_of(project.root).symbols(entry))
+    yield from (f"  {symbol}" for symbol in dict.fromkeys(symbols) if "(at import)" not in symbol)
 
 
 def _behind(paper, needs) -> list[str]:
@@ -193,15 +192,15 @@ def _behind(paper, needs) -> list[str]:
     return [*found]
 
 
-def _artifacts(project, paper, reading, names) -> list[tuple[str, str]]:
+def _artifacts(project, paper, reading, names) -> Iterator[tuple[str, str]]:
     """The name and meaning of artifacts, and the reading that owns the file if it is another one."""
     from marsedl.replication.pipeline.sharing import Shared
 
-    rows, shared = [], Shared(paper, project.studies[paper.slug])
+    shared = Shared(paper, project.studies[paper.slug])
     for name in names:
-        note = " (has no trials in this reading)"
-        if shared.has(reading.name, name):
-            owner = shared.owner(reading.name, name)
-            note = "" if owner == reading.name else f" (shared: that of the reading {owner})"
-        rows.append((name, paper.stages[name.partition(".")[0]].meaning + note))
-    return rows
+        note = ""
+        if not shared.has(reading.name, name):
+            note = " (has no trials in this reading)"
+        elif (owner := shared.owner(reading.name, name)) != reading.name:
+            note = f" (shared: that of the reading {owner})"
+        yield name, paper.stages[name.partition(".")[0]].meaning + note

@@ -16,9 +16,9 @@ import marsedl
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.written import configuration, own_configuration, own_readings
+from marsedl.replication.inputs.written import configuration, own_configuration
 
-VERSION = 1  # of the formats: one more when a file that was valid no longer is, or a key means something else
+VERSION = 2  # of the formats: one more when a file that was valid no longer is, or a key means something else
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _LINE = 120  # characters
 
@@ -76,8 +76,7 @@ def configuration_schema(slug: str, inputs: type[Inputs]) -> dict:
 
 def own_configuration_schema(papers: dict[str, type[Inputs]]) -> dict:
     """Return the JSON Schema of a user's own configuration, the file that is given to Snakemake by `--configfile`."""
-    parts = {slug: own_readings(inputs) for slug, inputs in papers.items()}
-    schema = own_configuration(parts).model_json_schema(schema_generator=_Schema)
+    schema = own_configuration(papers).model_json_schema(schema_generator=_Schema)
     return {**schema, **_head("configuration:own", "A configuration of your own")}
 
 

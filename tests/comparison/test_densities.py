@@ -13,7 +13,7 @@ from marsedl.papers.funnels.environment import density, log_density
 from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.pipeline.injection import Arguments
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+ROOT = Path(__file__).parents[2]
 FLOWN = np.array([20e3, 120e3])  # m, of nominals that are not looked at otherwise
 ARTIFACTS = {
     "powered_descent": {
@@ -30,7 +30,7 @@ ARTIFACTS = {
 @pytest.fixture(scope="module")
 def values():
     """All inputs of the corrected readings, "section.name", by paper."""
-    studies = {slug: load_study(slug, input_model(slug), CONFIGS / f"{slug}.yaml") for slug in NAMES}
+    studies = {slug: load_study(slug, input_model(slug), ROOT) for slug in NAMES}
     return {slug: study.readings["corrected"].slice(input_model(slug).names()) for slug, study in studies.items()}
 
 

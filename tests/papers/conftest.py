@@ -128,7 +128,7 @@ class Pipeline:
     def __init__(self, slug):
         self.paper, self.model = catalogue(slug), input_model(slug)
         self.montecarlo = import_module(f"marsedl.papers.{slug}.montecarlo")
-        self.study = load_study(slug, self.model, ROOT / "configs" / f"{slug}.yaml")
+        self.study = load_study(slug, self.model, ROOT)
         self.done = {}
 
     def inputs(self, reading, names=None, **changes):

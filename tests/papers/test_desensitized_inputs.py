@@ -15,7 +15,6 @@ from marsedl.replication.errors import InputError, MarsedlError, SolverError
 from marsedl.replication.inputs.readings import load_studies
 
 ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / "configs" / "desensitized.yaml"
 
 
 def reading_of(based_on="corrected", **inputs):
@@ -28,7 +27,7 @@ def reading_of(based_on="corrected", **inputs):
             "source": "assumed: test",
         }
     own = {"desensitized": {"readings": {"mine": {"based_on": based_on} | inputs_by_section}}}
-    return load_studies({"desensitized": MODEL}, CONFIG.parent, own)["desensitized"].readings["mine"]
+    return load_studies({"desensitized": MODEL}, ROOT, own)["desensitized"].readings["mine"]
 
 
 @pytest.mark.parametrize(

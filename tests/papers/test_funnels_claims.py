@@ -185,7 +185,7 @@ def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(r
         assert (verdict(name), rows[name].verdict) == ("fails", "holds"), name
     assert (verdict("greedy_needed"), verdict("first_peak")) == ("fails", "fails")
     assert records_of["printed"]["funnel"].level.max() > 1e6
-    assert "not compared with the motion" in rows["taylor_for_nonpolynomial"].readings["printed"].evidence
+    assert "not compared with the motion" in str(rows["taylor_for_nonpolynomial"].readings["printed"].evidence)
 
 
 def test_a_funnel_that_ends_early_meets_no_statement_about_it(records_of, evaluate, funnels_published, tmp_path):
@@ -199,9 +199,8 @@ def test_a_funnel_that_ends_early_meets_no_statement_about_it(records_of, evalua
     new_evaluations = evaluate(funnel=replace(whole, outcome="the funnel diverges", sound=False, **changes))
     for name in ("mc_inside_funnel", "sos_above_mc", "end_expansion", "funnel_is_tight", "reaches_goal_region"):
         assert new_evaluations[name].value is False, name
-    assert (
-        "the funnel is complete (its outcome is: the funnel diverges): no"
-        in new_evaluations["mc_inside_funnel"].evidence
+    assert "the funnel is complete (its outcome is: the funnel diverges): no" in str(
+        new_evaluations["mc_inside_funnel"].evidence
     )
     claim_rows = collect(
         list(funnels_published.values()),
@@ -218,7 +217,7 @@ def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
     new_evaluations = evaluate(measured={})
     assert np.isnan(new_evaluations["funnel_run_time"].value)
     for name in ("multiplier_prohibitive", "sampling_reduces_cost", "cheaper_than_monte_carlo"):
-        assert new_evaluations[name].value is False and "not measured" in new_evaluations[name].evidence
+        assert new_evaluations[name].value is False and "not measured" in str(new_evaluations[name].evidence)
     assert evaluate(measured=None)["sampling_reduces_cost"].value is False
 
 
@@ -227,7 +226,7 @@ def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
 
 def test_counted_claims_have_counterexamples(rows):
     counted = {name for name, row in rows.items() if row.verdict in COUNTED_VERDICTS and row.kind != UNDECIDED}
-    with_counterexample = {name for name, marked in claims_of("funnels").claims.items() if marked.counterexample}
+    with_counterexample = {name for name, marked in claims_of("funnels").declarations.items() if marked.counterexample}
     assert with_counterexample == counted
 
 
@@ -243,7 +242,7 @@ def test_counterexamples_turn_verdicts(funnels, records_of, rows, funnels_publis
     judged = [
         row
         for name, row in rows.items()
-        if (marked := claims.claims.get(name)) and marked.counterexample and row.verdict in COUNTED_VERDICTS
+        if (marked := claims.declarations.get(name)) and marked.counterexample and row.verdict in COUNTED_VERDICTS
         if marked.counterexample.target.partition(".")[0] in (*REAL, "mission", "vehicle", "recursion", "measured")
     ]
     turned = claims.turned(judged, given, funnels_published, measured=TIMES)
@@ -325,7 +324,7 @@ def test_the_error_of_few_flights_is_that_of_the_parts_that_have_one(funnels, re
     flown = few.repeat_half_width[:3].max(axis=1) / 1e3
     error = np.sqrt(np.var(ends, ddof=1) + np.var(flown, ddof=1))
     evidence = evaluate(constant=three, open_loop=few)["increased_landing_accuracy"].evidence
-    assert f"± {error:.2g} km" in evidence
+    assert f"± {error:.2g} km" in str(evidence)
     spread = measures.largest_error(records["funnel"], three)
     expected = np.std(three.repeat_maximum[:3, records["funnel"].step, 0], axis=0, ddof=1)
     np.testing.assert_array_equal(spread, expected)

@@ -13,7 +13,6 @@ from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
 
 ROOT = Path(__file__).parents[2]
-CONFIG = ROOT / "configs" / "funnels.yaml"
 
 
 def stem(key):
@@ -28,7 +27,7 @@ def reading_of(based_on="corrected", **inputs):
         section = next((name for name, of in MODEL.sections().items() if stem(key) in of.model_fields), "mission")
         inputs_by_section.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
     own = {"funnels": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
-    return load_studies({"funnels": MODEL}, CONFIG.parent, own)["funnels"].readings["mine"]
+    return load_studies({"funnels": MODEL}, ROOT, own)["funnels"].readings["mine"]
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_the_cause_of_the_deviation_is_refuted_by_a_deviation_that_stays(pipelin
     wrong = {name: ensemble for name, ensemble in wrong.items() if hasattr(ensemble, "covariance")}
     assert evaluate(pipeline, "corrected", large=True)["midcourse_deviation_cause"].value is True
     evaluation = pipeline.evaluate("corrected", records | wrong)["midcourse_deviation_cause"]
-    assert evaluation.value is False and not evaluation.undetermined
+    assert evaluation.value is False and not evaluation.doubts
 
 
 def test_a_pure_turn_of_the_control_is_a_jump(pipeline):

@@ -9,7 +9,7 @@ from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies, load_study
 
 UNIT = {"noise__thrust_unit": 1.0}
-CONFIG = Path(__file__).parents[2] / "configs" / "powered_descent.yaml"
+ROOT = Path(__file__).parents[2]
 
 
 def reading_of(based_on="corrected", **inputs):
@@ -19,7 +19,7 @@ def reading_of(based_on="corrected", **inputs):
         section, _, key = name.partition("__")
         mine.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
     own = {"powered_descent": {"readings": {"mine": mine}}}
-    return load_studies({"powered_descent": MODEL}, CONFIG.parent, own)["powered_descent"].readings["mine"]
+    return load_studies({"powered_descent": MODEL}, ROOT, own)["powered_descent"].readings["mine"]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_inputs_that_fit_together_are_accepted(inputs):
 
 
 def test_readings_fly_equal_numbers_of_trials():
-    readings = load_study("powered_descent", MODEL, CONFIG).readings
+    readings = load_study("powered_descent", MODEL, ROOT).readings
     trials = {name: reading.inputs.ensemble.large_trials for name, reading in readings.items()}
     assert {trials.pop("printed"), trials.pop("printed_eq46")} == {0}  # frozen
     assert set(trials.values()) == {100_000}

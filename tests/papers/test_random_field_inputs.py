@@ -10,7 +10,7 @@ from marsedl.papers.random_field.inputs import MODEL
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.readings import load_studies
 
-CONFIG = Path(__file__).parents[2] / "configs" / "random_field.yaml"
+ROOT = Path(__file__).parents[2]
 NODES = [0.0, 50.0, *(25.0 * k for k in range(3, 15)), 400.0]
 
 
@@ -21,7 +21,7 @@ def reading_of(based_on="corrected", **inputs):
         section = next((section for section, of in MODEL.sections().items() if name in list(of.keys())), "air")
         inputs_by_section.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
     own = {"random_field": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
-    return load_studies({"random_field": MODEL}, CONFIG.parent, own)["random_field"].readings["mine"]
+    return load_studies({"random_field": MODEL}, ROOT, own)["random_field"].readings["mine"]
 
 
 def refused(**inputs):

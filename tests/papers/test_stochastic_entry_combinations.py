@@ -54,7 +54,7 @@ def test_cells_are_counted_as_claims_judge_them(entry, entry_published):
     evaluations = entry.evaluate("corrected", records)
     cells = [f"tab4_{row[1]}_{case}" for row in measures.ROWS for case in CASES]
     counted = [name for name in cells if entry_published[name].kind == "monte_carlo"]
-    verdicts = [judge(entry_published[name], evaluations[name])[0] for name in counted]
+    verdicts = [judge(entry_published[name], evaluations[name]).verdict for name in counted]
     trials = dict.fromkeys(CASES, 2000)
     assert len(counted) == 14
     assert measures.reproduced_cells(entry_published, tails, trials) == verdicts.count("reproduced") > 0

@@ -11,7 +11,7 @@ from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.injection import Arguments
 
-CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
+ROOT = Path(__file__).parents[2]
 
 
 def reading_of(entry, **inputs):
@@ -22,7 +22,7 @@ def reading_of(entry, **inputs):
     for name, body in inputs_with_source.items():
         mine.setdefault(of.get(name, "design"), {})[name] = body
     own = {"stochastic_entry": {"readings": {"mine": mine}}}
-    study = load_studies({"stochastic_entry": entry.model}, CONFIG.parent, own)["stochastic_entry"]
+    study = load_studies({"stochastic_entry": entry.model}, ROOT, own)["stochastic_entry"]
     return study.readings["mine"]
 
 

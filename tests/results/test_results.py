@@ -50,7 +50,7 @@ def claim(name, printed, readings, kind="monte_carlo"):
             "standard_error": error,
             "trials": trials,
             "verdict": "close",
-            "evidence": "",
+            "evidence": [],
             "z": None,
         }
         for reading, (value, error, trials) in readings.items()

@@ -24,7 +24,7 @@ def main(root: Path, size: str, slug: str) -> dict:
     from marsedl.replication.sizes import build_folder
 
     paper, model = catalogue(slug), input_model(slug)
-    study = load_study(slug, model, Path("configs") / f"{slug}.yaml", size=size)
+    study = load_study(slug, model, root, size)
     shared, run = Shared(paper, study), Run.of(paper, study.readings["corrected"].inputs, Memory())
     names = [stage for stage in paper.stages if not stage.startswith("montecarlo")]
     names += list(run.flown)

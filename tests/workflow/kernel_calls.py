@@ -31,7 +31,7 @@ def flights(root, slug):
     from marsedl.replication.sizes import build_folder
 
     paper = catalogue(slug)
-    study = load_study(slug, input_model(slug), Path("configs") / f"{slug}.yaml", size=SIZE)
+    study = load_study(slug, input_model(slug), root, SIZE)
     shared, inputs = Shared(paper, study), study.readings["corrected"].inputs
 
     def record(name, kind):

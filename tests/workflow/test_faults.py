@@ -23,20 +23,6 @@ LOST = [f"{CACHE}/{name}.h5" for name in ("linearization", "montecarlo.closed_lo
 LOST += [FIGURE, f"figures/{GLIDE}/touchdown.csv"]
 
 
-def failed(tree, *targets) -> str:
-    """Run Snakemake, which must fail; returns what it says."""
-    process = tree.run(*targets)
-    assert process.returncode != 0, process.stdout[-3000:]
-    assert "Traceback" not in process.stdout
-    return process.stdout
-
-
-def works(tree, *targets) -> str:
-    process = tree.run(*targets)
-    assert process.returncode == 0, process.stdout[-3000:]
-    return process.stdout
-
-
 # ---------------------------------------------------------------------------------------------------------- artifacts
 
 
@@ -50,7 +36,7 @@ def test_damaged_and_malformed_files_are_refused_in_one_run_and_a_lost_one_is_ma
     published.write_text(printed.replace("kind: ", "kindd: ", 1), encoding="utf-8")
     lost, target = f"data/cache/{GLIDE}/printed/certificates.h5", f"{CACHE}/certificates.h5"
     small.path(lost).unlink()
-    output, log = failed(small, lost, target, f"report/claims/{HOP}.json"), f"logs/{GLIDE}/corrected/certificates.log"
+    output, log = small.fails(lost, target, f"report/claims/{HOP}.json"), f"logs/{GLIDE}/corrected/certificates.log"
     for fragment in (f"{CACHE}/gains.h5", "delete it and run snakemake again", log, "truncated"):
         assert fragment in output
     for fragment in (f"data/published/{HOP}.yaml", "kindd", "'kind'", f"logs/{HOP}/claims.log"):
@@ -59,7 +45,7 @@ def test_damaged_and_malformed_files_are_refused_in_one_run_and_a_lost_one_is_ma
 
     gains.unlink()
     published.write_text(printed, encoding="utf-8")
-    works(small, target, f"report/claims/{HOP}.json")
+    small.works(target, f"report/claims/{HOP}.json")
     assert small.digests() == digests
     assert small.plan(GLIDE, HOP).rules == set(), "their content is what it was"
 
@@ -68,13 +54,13 @@ def test_an_artifact_of_another_paper_is_made_again_and_a_damaged_one_is_refused
     digests = tree.digests()
     name, target = "data/cache/funnels/corrected/linearization.h5", "data/cache/funnels/corrected/gains.h5"
     shutil.copyfile(tree.path(name.replace("funnels", "desensitized")), tree.path(name))
-    works(tree, target)
+    tree.works(target)
     assert tree.digests() == digests
     content = tree.path(name).read_bytes()
     tree.path(name).write_bytes(content[: len(content) // 2])
-    assert f"{name}: " in failed(tree, target)
+    assert f"{name}: " in tree.fails(target)
     tree.path(name).unlink()
-    works(tree, target)
+    tree.works(target)
     assert tree.digests() == digests
 
 
@@ -94,15 +80,16 @@ def jobs_of(process) -> list[int]:
     return jobs
 
 
-def first_job_of(process, seconds=60) -> int | None:
-    """Wait until a job of a started Snakemake runs; None if it ended before one was seen."""
-    end = time.monotonic() + seconds
+def wait_for_jobs(process, number, seconds=120) -> int | None:
+    """Wait until a started Snakemake has begun a number of jobs; the last of them, or None if it ended before."""
+    end, seen = time.monotonic() + seconds, {}
     while time.monotonic() < end:
-        if jobs := jobs_of(process):
-            return jobs[0]
+        seen |= dict.fromkeys(jobs_of(process))
+        if len(seen) >= number:
+            return next(reversed(seen), 0)
         if process.poll() is not None:
             return None
-        time.sleep(0.005)
+        time.sleep(0.05)
     raise AssertionError("no job started")
 
 
@@ -116,9 +103,9 @@ def killed(process):
     process.wait()
 
 
-MOMENTS = np.random.default_rng(20170817).uniform(0.02, 0.98, 12)  # shares of the time that the jobs take
+DRAW = np.random.default_rng(20170817)
+MOMENTS = list(zip(DRAW.integers(0, 4, 12), DRAW.uniform(0.0, 1.0, 12), strict=True))  # jobs begun, seconds after
 VICTIMS = ("job", "snakemake", "everything")  # the second leaves its jobs running, the third is a power cut
-SECONDS = []  # that the lost files take to be made, with nothing that disturbs but what else the machine does
 
 
 def lose(tree) -> None:
@@ -126,35 +113,23 @@ def lose(tree) -> None:
         tree.path(name).unlink(missing_ok=True)
 
 
-def undisturbed(tree) -> float:
-    """Seconds of an undisturbed run, measured once."""
-    if not SECONDS:
-        lose(tree)
-        start = time.monotonic()
-        works(tree, *LOST)
-        SECONDS.append(time.monotonic() - start)
-    return SECONDS[0]
-
-
-def kill_at(tree, seconds: float, victim: str) -> bool:
-    """Start making the lost files and kill after some time; returns whether there still was something to kill."""
+def kill_at(tree, begun: int, seconds: float, victim: str) -> bool:
+    """Start making the lost files and kill at some moment; returns whether there still was something to kill."""
+    lose(tree)
     process = tree.start(*LOST)
     try:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(seconds)
+        if wait_for_jobs(process, begun) is None:
             return False
-        if victim == "job":
-            job = first_job_of(process)
-            if job is None:  # the last job had ended already
-                return False
+        time.sleep(seconds)
+        job = wait_for_jobs(process, 1) if victim == "job" else process.pid
+        if job is None or process.poll() is not None:
+            return False
+        if victim == "everything":
+            killed(process)
+        else:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(job, signal.SIGKILL)
             process.wait(120)
-        elif victim == "snakemake":
-            os.kill(process.pid, signal.SIGKILL)
-            process.wait()
-        else:
-            killed(process)
         return True
     finally:
         if victim != "snakemake":
@@ -166,20 +141,16 @@ def kill_at(tree, seconds: float, victim: str) -> bool:
 )
 def test_a_kill_at_any_moment_loses_nothing(small, number):
     """Whoever is killed, and whenever: the next run makes what an undisturbed one would have made."""
-    digests = small.digests()
-    victim, seconds = VICTIMS[number % len(VICTIMS)], MOMENTS[number] * undisturbed(small)
-    lose(small)
-    while not kill_at(small, seconds, victim):  # the machine was faster this time
-        seconds /= 2
-        lose(small)
-    process = small.run(*LOST)  # perhaps beside jobs that nobody waits for any more
-    if process.returncode:
-        assert "--unlock" in process.stdout, process.stdout[-3000:]
-        works(small, "--unlock")
-        works(small, *LOST)
+    digests, victim = small.digests(), VICTIMS[number % len(VICTIMS)]
+    begun, seconds = MOMENTS[number]
+    while not kill_at(small, begun, seconds, victim):  # the machine was faster this time
+        begun, seconds = begun - 1, seconds / 2
+    if victim != "job":  # a killed Snakemake leaves its lock
+        small.works("--unlock")
+    small.works(*LOST)  # perhaps beside jobs that nobody waits for any more
     if victim == "snakemake":
         wait_for_orphans(small)
-        works(small, *LOST)  # whatever these wrote at last
+        small.works(*LOST)  # whatever these wrote at last
     assert small.digests() == digests
     assert not list(small.build.glob("data/cache/**/.*.partial"))
     assert small.plan(GLIDE).rules == set()
@@ -204,15 +175,15 @@ def test_a_second_run_of_the_same_files_is_refused_and_disturbs_nothing(small):
     lose(small)
     process = small.start(*LOST)
     try:
-        job = first_job_of(process)
+        job = wait_for_jobs(process, 1)
         os.kill(job, signal.SIGSTOP)  # so that the first run cannot end before the second begins
-        assert "lock" in failed(small, *LOST).lower()
+        assert "lock" in small.fails(*LOST).lower()
         os.kill(job, signal.SIGCONT)
         assert process.wait(timeout=300) == 0
     finally:
         killed(process)
     assert small.digests() == digests
-    works(small, *LOST)  # no lock is left
+    small.works(*LOST)  # no lock is left
 
 
 # -------------------------------------------------------------------------------------------------------------- disks
@@ -235,19 +206,17 @@ def test_a_full_disk_is_said_and_nothing_else_is_lost(small):
     """Artifacts of a reading lie on a disk that holds none of them, figures on one that holds the beginning of one."""
     digests = small.digests()
     cache, figures = small.path(f"data/cache/{GLIDE}/printed"), small.path(f"figures/{HOP}")
-    nominal = f"data/cache/{GLIDE}/printed/nominal.h5"
-    for folder in (cache, figures):
-        shutil.rmtree(folder)
-        folder.mkdir()
+    nominal, figure = f"data/cache/{GLIDE}/printed/nominal.h5", f"figures/{HOP}/fig01.png"
+    for name in (nominal, figure):
+        small.path(name).unlink()
     with small_disk(cache, 12), small_disk(figures, 8):
         others = [folder / "other.txt" for folder in (cache, figures)]
         for other in others:
             other.write_text("Snakemake would remove an empty folder")
-        output = failed(small, nominal, f"figures/{HOP}/fig01.png")
-        assert f"reading printed, job {GLIDE}_nominal: {nominal}: cannot be written" in output
-        assert f"paper {HOP}, reading corrected, job figure: " in output
+        output = small.fails(nominal, figure)
+        assert f"reading printed, job nominal: {nominal}: cannot be written" in output
+        assert f"paper {HOP}, reading corrected, job fig01: " in output
         assert "(No space left on device): free space and run again" in output, output[-3000:]
         assert [*cache.iterdir(), *figures.iterdir()] == others, "no half-written file stays"
-    works(small, GLIDE, HOP, *(name for name in digests if name.startswith(f"data/cache/{GLIDE}/printed")))
-    after = small.digests()
-    assert {name: after.get(name) for name in digests} == digests
+    small.works(nominal, figure)  # on the disk below, which holds everything else
+    assert small.digests() == digests

@@ -1,5 +1,6 @@
 """Ensembles of one, two and three flights: cells are empty where a number needs more, and nothing crashes."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -27,8 +28,7 @@ class Flights(Memory):
     def _remembered(self, run, name):
         if name.startswith("montecarlo.") or not self.counts.isdisjoint(self._read(run, name)):
             return super()._remembered(run, name)
-        record = store.load(self.built(name), record_type(run.stage(name).entries))
-        return record, store.content_digest(record)
+        return self.built(name, record_type(run.stage(name).entries))
 
     def _read(self, run, name):
         declared = run.stage(name)
@@ -40,21 +40,25 @@ class Flights(Memory):
 def test_claims_and_tables_cope_with_few_flights(copied, slug, monkeypatch):
     monkeypatch.chdir(ROOT)
     paper, own = catalogue(slug), claims_of(slug)
-    study = load_study(slug, input_model(slug), ROOT / "configs" / f"{slug}.yaml", size="smoke")
+    study = load_study(slug, input_model(slug), ROOT, size="smoke")
     inputs, shared = study.readings["corrected"].inputs, Shared(paper, study)
     published = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
+
+    @cache
+    def built(name, kind):
+        record = store.load(copied.build / shared.file("corrected", name), kind)
+        return record, store.content_digest(record)
+
     counts = [name for name, value in inputs.plain().items() if name.endswith("trials") and value]
     for trials in (1, 2, 3):
         values = inputs.plain() | dict.fromkeys(counts, trials)
         cases = {case: trials for case, name in inputs.CASES.items() if values[name]}
-        memory = Flights(counts, lambda name: copied.build / shared.file("corrected", name))
-        run = Run(paper, values, memory, cases)
+        run = Run(paper, values, Flights(counts, built), cases)
         evaluations = evaluate(run, published)
         rows = collect(
             list(published.values()),
             own.declarations,
             {"printed": evaluations, "corrected": evaluations},
-            {},
             require_reasons=False,
             left_out=study.readings.keys() - {"printed", "corrected"},
         )

@@ -27,7 +27,7 @@ IN_MEMORY = ("powered_descent", pytest.param("stochastic_entry", marks=pytest.ma
 
 
 def study_of(slug, size="full"):
-    return load_study(slug, input_model(slug), ROOT / "configs" / f"{slug}.yaml", size=size)
+    return load_study(slug, input_model(slug), ROOT, size=size)
 
 
 def inputs_behind(paper, stage):

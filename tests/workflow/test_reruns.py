@@ -1,6 +1,5 @@
 """Which jobs an edit concerns: most by the recipes of all products, which one process computes; some by Snakemake."""
 
-import contextlib
 import os
 import re
 import shutil
@@ -93,6 +92,16 @@ def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
     return jobs
 
 
+def with_inputs(folder: Path, paper: str, reading: str, **values: object) -> str:
+    """The configuration of a paper with other inputs of a reading; names without the section's."""
+    of = {key: section for section, inputs in input_model(paper).sections().items() for key in inputs.model_fields}
+    config = yaml.safe_load((folder / f"configs/{paper}.yaml").read_text(encoding="utf-8"))
+    for name, value in values.items():
+        section = config["readings"][reading].setdefault(of[name], {})
+        section[name] = {"value": value, "source": "assumed: test"}
+    return yaml.safe_dump(config, sort_keys=False)
+
+
 class Project:
     """A copy of the project; every question is answered from its files as they then are."""
 
@@ -103,10 +112,10 @@ class Project:
     def jobs(self, **config) -> dict[str, Job]:
         memory, scripts = self.folder / ".cache" / "fingerprints.json", self.folder / "workflow" / "scripts"
         sources = Fingerprints(memory, self.folder / "src", scripts)
-        with contextlib.chdir(self.folder), pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch:
             patch.setattr(staleness, "fingerprints_of", lambda root: sources)
             models = {slug: input_model(slug) for slug in SLUGS}
-            studies = load_studies(models, Path("configs"), {"size": "smoke", "chunks": 3, **config}, [])
+            studies = load_studies(models, self.folder, {"size": "smoke", "chunks": 3, **config})
             papers = {slug: catalogue(slug) for slug in SLUGS}
             found = jobs_of(staleness.Recipes(self.folder, papers, studies, comparisons(), "smoke"))
         if not self._texts:
@@ -126,12 +135,7 @@ class Project:
 
     def set_inputs(self, reading: str, *, paper: str = "powered_descent", **values: object) -> None:
         """Set inputs of a reading; names without the section's."""
-        of = {key: section for section, inputs in input_model(paper).sections().items() for key in inputs.model_fields}
-        config = yaml.safe_load((self.folder / f"configs/{paper}.yaml").read_text(encoding="utf-8"))
-        for name, value in values.items():
-            section = config["readings"][reading].setdefault(of[name], {})
-            section[name] = {"value": value, "source": "assumed: test"}
-        self.write(f"configs/{paper}.yaml", yaml.safe_dump(config, sort_keys=False))
+        self.write(f"configs/{paper}.yaml", with_inputs(self.folder, paper, reading, **values))
 
     def edited(self, **config) -> Edited:
         """Which jobs of now are not those of before the edits."""
@@ -343,7 +347,8 @@ def test_a_copy_of_a_build_has_nothing_to_do(copied):
 def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(copied):
     """Nothing to do; after an edit exactly the jobs of the edit, and no command that takes the old numbers for new."""
     kept = copied.build / ".snakemake"
-    copied.set_inputs("corrected", ellipse_sigma="2.5")
+    changed = with_inputs(copied.folder, "powered_descent", "corrected", ellipse_sigma=2.5)
+    copied.path(CONFIG).write_text(changed, encoding="utf-8")
     with_records = copied.plan("all")
     drawn = {Path(name).stem for name in with_records.files if re.fullmatch(r"figures/.*\.png", name)}
     assert drawn == {"fig02", "fig03"}

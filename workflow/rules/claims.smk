@@ -2,82 +2,56 @@
 # counterexample, then all papers in one file, and a badge.
 
 
-rule claims:
-    input:
-        "report/claims.json",
-        "report/badge.json",
-
-
-for _paper in PAPERS:
+# A rule for each paper: it has its own tables over all readings.
+for _paper, _summaries in [(slug, list(PAPERS[slug].summaries)) for slug in PAPERS]:
 
     rule:
         name:
             f"{_paper}_claims"
         input:
-            cache(_paper),
-            changed=unproven(f"report/claims/{_paper}.json"),
-            published=source(f"data/published/{_paper}.yaml"),
-            measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
+            unpack(inputs("report/claims/{paper}.json")),
         output:
-            **{
-                stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]
-                for stem in PAPERS[_paper].summaries
-            },
-            claims=f"report/claims/{_paper}.json",
-            table=[
-                report(
-                    f"figures/{_paper}/claims.csv",
-                    caption="../report/claims.rst",
-                    category=_paper,
-                    subcategory=CORRECTED,
-                    labels={"reading": "all", "item": "claims", "kind": "table"},
-                ),
-                f"figures/{_paper}/claims.md",
-            ],
+            claims="report/claims/{paper}.json",
+            csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
+            md="figures/{paper}/claims.md",
+            summaries=[f"figures/{{paper}}/{stem}.{suffix}" for stem in _summaries for suffix in ("csv", "md")],
         log:
-            f"logs/{_paper}/claims.log",
+            "logs/{paper}/claims.log",
         benchmark:
-            f"benchmarks/{_paper}/claims.tsv"
+            "benchmarks/{paper}/claims.tsv"
+        wildcard_constraints:
+            paper=_paper,
         conda:
             "../envs/marsedl.yaml"
         params:
-            paper=_paper,
-            made=made(f"report/claims/{_paper}.json"),
-            summaries=list(PAPERS[_paper].summaries),
-            build=build,
+            made=made("report/claims/{paper}.json"),
         script:
             "../scripts/claims.py"
 
-    rule:
-        name:
-            f"{_paper}_counterexamples"
-        input:
-            sorted(claimed(_paper, CORRECTED).values()),
-            changed=unproven(f"report/counterexamples/{_paper}.json"),
-            claims=f"report/claims/{_paper}.json",
-            published=source(f"data/published/{_paper}.yaml"),
-            measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
-        output:
-            f"report/counterexamples/{_paper}.json",
-        log:
-            f"logs/{_paper}/counterexamples.log",
-        benchmark:
-            f"benchmarks/{_paper}/counterexamples.tsv"
-        conda:
-            "../envs/marsedl.yaml"
-        params:
-            paper=_paper,
-            made=made(f"report/counterexamples/{_paper}.json"),
-            build=build,
-        script:
-            "../scripts/counterexamples.py"
 
-
-rule all_claims:
+rule counterexamples:
     input:
-        changed=unproven("report/claims.json"),
-        claims=[f"report/claims/{paper}.json" for paper in PAPERS],
-        counterexamples=[f"report/counterexamples/{paper}.json" for paper in PAPERS],
+        unpack(inputs("report/counterexamples/{paper}.json")),
+        claims="report/claims/{paper}.json",
+    output:
+        "report/counterexamples/{paper}.json",
+    log:
+        "logs/{paper}/counterexamples.log",
+    benchmark:
+        "benchmarks/{paper}/counterexamples.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/counterexamples/{paper}.json"),
+    script:
+        "../scripts/counterexamples.py"
+
+
+rule claims:
+    input:
+        unpack(inputs("report/claims.json")),
+        claims=expand("report/claims/{paper}.json", paper=PAPERS),
+        counterexamples=expand("report/counterexamples/{paper}.json", paper=PAPERS),
     output:
         claims="report/claims.json",
         badge="report/badge.json",
@@ -89,6 +63,5 @@ rule all_claims:
         "../envs/marsedl.yaml"
     params:
         made=made("report/claims.json"),
-        build=build,
     script:
         "../scripts/all_claims.py"

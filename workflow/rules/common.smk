@@ -1,4 +1,4 @@
-# Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
+# The configuration, validated before any job is planned, and the functions that the rules are written with.
 import contextlib
 import functools
 import os
@@ -14,7 +14,7 @@ from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
-from marsedl.replication.claims.quotes import Quotes, by_id, with_numbers
+from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.report.pages import site_files
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
@@ -22,7 +22,6 @@ from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
 ROOT = Path(workflow.current_basedir).parents[1]
 # Another workflow may use these rules as a module: its words, files and further keys are its own.
 IS_MAIN = workflow.modifier.is_main_snakefile()
-WORDS = targets.words_of(sys.argv) if IS_MAIN else []
 OWN_CONFIG = dict(config) if IS_MAIN else {key: config[key] for key in (*SLUGS, *SETTINGS) if key in config}
 OWN_FILES = workflow.configfiles if IS_MAIN else []
 SIZE = str(OWN_CONFIG.get("size", "full"))
@@ -30,16 +29,14 @@ SIZE = str(OWN_CONFIG.get("size", "full"))
 
 def from_start(path):
     """A user's file, from the project's folder, or else from where Snakemake was started."""
-    return Path(path) if Path(ROOT, path).exists() else Path(workflow.workdir_init, path)
+    return Path(ROOT, path) if Path(ROOT, path).exists() else Path(workflow.workdir_init, path)
 
 
 try:
     PAPERS = {slug: catalogue(slug) for slug in SLUGS}
     COMPARISONS = comparisons()
     MODELS = {slug: input_model(slug) for slug in SLUGS}
-    # A job of a smaller size may begin in the folder of its build.
-    with contextlib.chdir(ROOT):
-        STUDIES = load_studies(MODELS, Path("configs"), OWN_CONFIG, [from_start(path) for path in OWN_FILES])
+    STUDIES = load_studies(MODELS, ROOT, OWN_CONFIG, [from_start(path) for path in OWN_FILES])
     for slug, study in STUDIES.items():  # texts that quote numbers of a reading that there is not
         with_numbers(PAPERS[slug], Quotes(None, study.readings))
 except InputError as error:
@@ -58,10 +55,16 @@ wildcard_constraints:
     reading="|".join(READINGS),
     # The folder of a reading's figures and tables; those of the default reading stand above it.
     place="|".join(["", *(f"{name}/" for name in READINGS)]),
+    name=r"[a-z0-9_]+(\.[a-z_]+)?",
     case="[a-z_]+",
     chunk=r"0|[1-9]\d*",
     chunks=r"[1-9]\d*",
-    stem="[a-z0-9_]+",
+
+
+RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
+SHARED = RECIPES.shared
+# Newer than every product, for the jobs whose products are stale: Snakemake's own records may be lost.
+CHANGED = Path(".cache/changed")
 
 
 def source(path):
@@ -69,52 +72,90 @@ def source(path):
     return os.path.relpath(Path(os.path.realpath(ROOT), path), os.path.realpath(Path.cwd()))
 
 
-RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
-SHARED = RECIPES.shared
-products, cache, compared, claimed = RECIPES.products, RECIPES.cache, RECIPES.compared, RECIPES.claimed
-# Newer than every product, for the jobs whose products are stale: Snakemake's own records may be lost.
-CHANGED = Path(".cache/changed")
-
-
-def unproven(*patterns):
-    """An input of all jobs, which makes Snakemake run those whose products were made from something else."""
-
-    def changed(wildcards):
-        stale = any(RECIPES.is_stale(filled(pattern, wildcards), Path()) for pattern in patterns)
-        if stale or not CHANGED.exists():
-            CHANGED.parent.mkdir(parents=True, exist_ok=True)
-            CHANGED.write_text(f"{time.time_ns()}\n")
-        return local(str(CHANGED) if stale else ancient(str(CHANGED)))
-
-    return changed
-
-
-def made(pattern):
-    """What a job is given beside products: an edit of it makes Snakemake run the job again."""
-    return lambda wildcards: RECIPES.job(filled(pattern, wildcards)).own
-
-
 def filled(pattern, wildcards):
     """A pattern with the values of the wildcards."""
     return pattern.format(**dict(wildcards.items()))
 
 
-# Snakemake ignores params that depend on `input` or `output` when it decides what to rerun. So the recipes of a job's
-# inputs, and captions, never trigger a rerun.
+def inputs(*products):
+    """What the job of some products takes: other products, files of the project, and one that is newer if it must run."""
 
-
-def build(wildcards, input, output):
-    """Of a job: the size of the build, its artifacts with paper, reading and recipe, and what its products record."""
-
-    def recipes(paths):
-        named = {path: RECIPES.artifact(path) for path in paths if path.endswith(".h5")}
+    def files(wildcards):
+        paths = [filled(product, wildcards) for product in products]
+        job = RECIPES.job(paths[0])
+        stale = any(RECIPES.is_stale(path, Path()) for path in paths)
+        if stale or not CHANGED.exists():
+            CHANGED.parent.mkdir(parents=True, exist_ok=True)
+            CHANGED.write_text(f"{time.time_ns()}\n")
+        shows_printed = job.own.get("printed") or job.own.get("published")
         return {
-            path: (paper, reading, SHARED[paper].recipe(reading, name))
-            for path, (paper, reading, name) in named.items()
+            "needs": list(job.needs),
+            "published": [source(f"data/published/{wildcards.paper}.yaml")] if shows_printed else [],
+            "measured": [source(BENCHMARKS)] if job.own.get("measured") else [],
+            "files": [source(name) for name in job.own.get("files", ())],
+            "changed": local(str(CHANGED) if stale else ancient(str(CHANGED))),
         }
 
-    record = () if output[0].endswith(".h5") else RECIPES.record(output[0])
-    return dict(size=SIZE, artifacts=recipes(input), made=recipes(output), record=record)
+    return files
+
+
+def made(product):
+    """What a job is given beside files, and where it records that: an edit of it makes Snakemake run the job again."""
+
+    def given(wildcards):
+        path = filled(product, wildcards)
+        return {**RECIPES.job(path).own, "record": RECIPES.record(path)}
+
+    return given
+
+
+# --- stages
+
+
+def staged(stage, *artifacts):
+    """What the job of a stage is given beside files: its functions, and what each artifact is made from."""
+
+    def given(wildcards):
+        declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards).partition(".")[0]]
+        recipes = [RECIPES.job(filled(artifact, wildcards)).own for artifact in artifacts]
+        return {"entries": declared.entries, "recipes": recipes, "size": SIZE}
+
+    return given
+
+
+def chunks(wildcards):
+    """The files of all chunks of a Monte Carlo case."""
+    names = SHARED[wildcards.paper].chunks(wildcards.reading, wildcards.case)
+    return [f"data/cache/{wildcards.paper}/{wildcards.reading}/{name}.h5" for name in names]
+
+
+def flights(paper, cases, readings="[^/]+"):
+    """Paths of flights below data/cache, as a regular expression."""
+    return rf"{paper}/({readings})/{FLIGHTS}\.({'|'.join(cases)})\.h5"
+
+
+# Paper, cases and readings, as a regular expression, of the flights that one job of a reading makes.
+TOGETHER = [
+    (paper, cases, "|".join(readings)) for paper in PAPERS for cases, readings in SHARED[paper].flown_together().items()
+]
+SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARED.items() if shared.scattered) or "(?!)"
+
+
+# --- what `snakemake --report` shows
+
+
+def reading_of(wildcards):
+    """The reading in whose folder a product stands."""
+    return wildcards.get("place", "").strip("/") or CORRECTED
+
+
+def shown(path, kind, item="{stem}", *, category="{paper}", caption="product", reading=None):
+    """A file that the report shows."""
+
+    def labels(wildcards):
+        return {"reading": reading or reading_of(wildcards), "item": filled(item, wildcards), "kind": kind}
+
+    return report(path, caption=f"../report/{caption}.rst", category=category, subcategory=reading_of, labels=labels)
 
 
 @functools.cache
@@ -123,10 +164,19 @@ def quoting(paper, reading):
     readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
     with contextlib.suppress(MarsedlError):
         if path.exists():
-            return with_numbers(PAPERS[paper], Quotes(by_id(read_claims(path)), readings, reading))
+            return with_numbers(PAPERS[paper], Quotes(read_claims(path), readings, reading))
     return with_numbers(PAPERS[paper], Quotes(None, readings, reading))
 
 
-def as_rst(text):
-    """A text in which nothing is markup, for the captions of `snakemake --report`."""
-    return re.sub(r"([\\*`|_])", r"\\\1", text)
+def captions(*stems):
+    """The captions of a job's products; edited ones are no reason to run it again, as they depend on `output`."""
+
+    def written(wildcards, output):
+        if not stems:
+            texts = [COMPARISONS[wildcards.stem].figure, COMPARISONS[wildcards.stem].table]
+        else:
+            quoted = quoting(wildcards.paper, reading_of(wildcards))
+            texts = [quoted.product(filled(stem, wildcards)).caption for stem in stems]
+        return [re.sub(r"([\\*`|_])", r"\\\1", text) for text in texts]  # without markup
+
+    return written

@@ -1,18 +1,9 @@
-# Digests of all products, and the pages of the report that show them.
-
-
-SITE = site_files({**{paper: PAPERS[paper].figures for paper in PAPERS}, "comparison": COMPARISONS})
-
-
-rule report:
-    input:
-        "report/index.html",
+# Digests of all products, the pages that show them, and the comparison of a build with the committed numbers.
 
 
 rule digests:
     input:
-        RECIPES.job("report/digests.json").needs,
-        changed=unproven("report/digests.json"),
+        unpack(inputs("report/digests.json")),
     output:
         "report/digests.json",
     log:
@@ -23,20 +14,18 @@ rule digests:
         "../envs/marsedl.yaml"
     params:
         made=made("report/digests.json"),
-        build=build,
     script:
         "../scripts/digests.py"
 
 
-rule site:
+rule report:
     input:
-        [products(paper) + cache(paper) for paper in PAPERS],
-        compared(),
+        unpack(inputs("report/index.html")),
+        benchmarks=source(BENCHMARKS),
         claims="report/claims.json",
         digests="report/digests.json",
-        changed=unproven("report/index.html"),
     output:
-        [f"report/{name}" for name in SITE],
+        [f"report/{page}" for page in site_files({**{s: PAPERS[s].figures for s in PAPERS}, "comparison": COMPARISONS})],
     log:
         "logs/report.log",
     benchmark:
@@ -45,8 +34,22 @@ rule site:
         "../envs/marsedl.yaml"
     params:
         made=made("report/index.html"),
-        artifacts={paper: {reading: claimed(paper, reading) for reading in STUDIES[paper].compared} for paper in PAPERS},
-        benchmarks=source(BENCHMARKS),
-        build=build,
+        artifacts=lambda wildcards: {
+            paper: {name: RECIPES.claimed(paper, name) for name in STUDIES[paper].compared} for paper in PAPERS
+        },
     script:
         "../scripts/report.py"
+
+
+# The smoke size twice in separate folders, then the full size against the committed numbers.
+rule verify:
+    input:
+        "report/claims.json",
+    log:
+        "logs/verify.log",
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        python=sys.executable,
+    shell:
+        "{params.python:q} -m marsedl.cli verify 2> {log}"

@@ -1,52 +1,85 @@
-# The stages of all papers: one rule for each stage of a catalogue. Monte Carlo cases of few trials are flown together, by
-# one job of a reading (flights); any other that is not scattered is one job (montecarlo); a scattered one has a job for
-# each chunk (montecarlo_chunk) and one that gathers them (montecarlo_gather).
-for _paper in PAPERS:
+# The stages of all papers. A Monte Carlo case is one job, or one for each of its chunks and one that gathers them; cases of
+# few trials are flown together, in one job of a reading.
+
+
+rule artifact:
+    input:
+        unpack(inputs("data/cache/{paper}/{reading}/{name}.h5")),
+    output:
+        "data/cache/{paper}/{reading}/{name}.h5",
+    log:
+        "logs/{paper}/{reading}/{name}.log",
+    benchmark:
+        "benchmarks/{paper}/{reading}/{name}.tsv"
+    wildcard_constraints:
+        paper=f"(?!{'|'.join([SCATTERED, *(flights(*flown) for flown in TOGETHER)])})[^/]+",
+    priority: lambda wildcards: PAPERS[wildcards.paper].stages[wildcards.name.partition(".")[0]].priority
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=staged("{name}", "data/cache/{paper}/{reading}/{name}.h5"),
+    script:
+        "../scripts/stage.py"
+
+
+rule chunk:
+    input:
+        unpack(inputs("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5")),
+    output:
+        temp("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
+    log:
+        "logs/{paper}/{reading}/montecarlo.{case}.{chunk}of{chunks}.log",
+    benchmark:
+        "benchmarks/{paper}/{reading}/montecarlo.{case}.{chunk}of{chunks}.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=staged(CHUNK, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
+    script:
+        "../scripts/stage.py"
+
+
+rule gather:
+    input:
+        unpack(inputs("data/cache/{paper}/{reading}/montecarlo.{case}.h5")),
+        chunks=chunks,
+    output:
+        "data/cache/{paper}/{reading}/montecarlo.{case}.h5",
+    log:
+        "logs/{paper}/{reading}/montecarlo.{case}.log",
+    benchmark:
+        "benchmarks/{paper}/{reading}/montecarlo.{case}.tsv"
+    wildcard_constraints:
+        paper=f"(?={SCATTERED})[^/]+",
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=staged(GATHER, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+    script:
+        "../scripts/stage.py"
+
+
+# A rule for each set of cases: the files of a job are as many as its cases.
+for _number, (_paper, _cases, _readings) in enumerate(TOGETHER):
+    _flown = [f"data/cache/{{paper}}/{{reading}}/montecarlo.{case}.h5" for case in _cases]
 
     rule:
         name:
-            _paper
+            f"{_paper}_flights_{_number}"
         input:
-            products(_paper),
-
-    for _name, _stage, _artifacts, _readings in stage_rules(_paper):
-        _outputs = [f"data/cache/{_paper}/{{reading}}/{artifact}.h5" for artifact in _artifacts]
-
-        rule:
-            name:
-                f"{_paper}_{_name}"
-            input:
-                unpack(stage_input(_paper, _stage)),
-                changed=unproven(*_outputs),
-            output:
-                [temp(path) if _stage == CHUNK else path for path in _outputs],
-            log:
-                f"logs/{_paper}/{{reading}}/{LOGS.get(_name, _name)}.log",
-            benchmark:
-                f"benchmarks/{_paper}/{{reading}}/{LOGS.get(_name, _name)}.tsv"
-            wildcard_constraints:
-                reading=_readings,
-                case="|".join(flown_as(_paper, _stage)) or "(?!)",
-            priority: PAPERS[_paper].stages[_stage].priority
-            conda:
-                "../envs/marsedl.yaml"
-            params:
-                paper=_paper,
-                entries=PAPERS[_paper].stages[_stage].entries,
-                recipes=recipes_of(_outputs),
-                build=build,
-            script:
-                "../scripts/stage.py"
-
-
-# An artifact that another reading owns: whoever asks for it by its path gets the owner's.
-for _path in WORDS:
-    if _owned := targets.owned_elsewhere(_path, SHARED):
-
-        rule:
-            name:
-                _path
-            input:
-                _owned,
-
-        print(f"{_path} is shared: it is {_owned}", file=sys.stderr)
+            unpack(inputs(*_flown)),
+        output:
+            _flown,
+        log:
+            "logs/{paper}/{reading}/flights.log",
+        benchmark:
+            "benchmarks/{paper}/{reading}/flights.tsv"
+        wildcard_constraints:
+            paper=_paper,
+            reading=_readings,
+        conda:
+            "../envs/marsedl.yaml"
+        params:
+            made=staged(FLIGHTS, *_flown),
+        script:
+            "../scripts/stage.py"

@@ -1,12 +1,12 @@
 """Turn every counted claim of one paper by its counterexample, and write by how much."""
 
-from marsedl.replication.claims.printed import load_measured, load_published
+from marsedl.replication.claims.printed import load_measured, published_of
 from marsedl.replication.claims.rows import read_claims, write_counterexamples
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
-    published = {claim.id: claim for claim in load_published(snakemake.input.published)}
+    [published] = published_of(snakemake.input).values()
     measured = [load_measured(path, job.paper) for path in snakemake.input.measured] or [None]
     [given] = job.readings().values()
     rows = read_claims(snakemake.input.claims)

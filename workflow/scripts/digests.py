@@ -7,6 +7,5 @@ from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records.differences import digest
 
 with guarded(snakemake):
-    products = sorted(set(snakemake.input) - {snakemake.input.changed})
-    found = {path: digest(path) for path in products}
+    found = {path: digest(path) for path in sorted({*snakemake.input.needs})}
     write_text(snakemake.output[0], json.dumps(found, indent=1) + "\n")

@@ -6,5 +6,5 @@ from marsedl.replication.pipeline.catalogue import entry_of, function_of
 from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
-    function = function_of(entry_of(job.paper, "figures", *job.params.made["stems"]))
-    save_figure(job.given().call(function, **published_of(job.params)), *snakemake.output)
+    function = function_of(entry_of(job.paper, "figures", snakemake.wildcards.stem))
+    save_figure(job.given().call(function, **published_of(snakemake.input)), *snakemake.output)

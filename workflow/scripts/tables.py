@@ -6,7 +6,7 @@ from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
-    given, published = job.given(), published_of(job.params)
-    for number, stem in enumerate(job.params.made["stems"]):
-        table = given.call(function_of(entry_of(job.paper, "tables", stem)), **published)
-        write_table(table, *snakemake.output[2 * number : 2 * number + 2])
+    given, output = job.given(), snakemake.output
+    for stem, csv, md in zip(job.made["stems"], output.csv, output.md, strict=True):
+        table = function_of(entry_of(job.paper, "tables", stem))
+        write_table(given.call(table, **published_of(snakemake.input)), csv, md)

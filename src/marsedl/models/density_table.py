@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["physical_table", "read_density_table", "require_physical", "table_or_file"]
+__all__ = ["physical_table", "read_density_table", "require_physical"]
 
 LARGEST_FILE = 2**24  # bytes
 SCALE_HEIGHTS = (0.5e3, 500e3)  # m, more than an atmosphere has at either end
@@ -44,7 +44,7 @@ def _cells(row, place):
         raise ValueError(f"{place}: is not a row of a CSV file ({error}); fix it") from None
 
 
-def read_density_table(path, source=None):
+def read_density_table(path, source=None, folder=""):
     """Read a table of mean densities: one of ours, or a user's own (from NASA's GRAM, say).
 
     The file is CSV text (UTF-8). Blank lines and lines that start with '#' are comments. The first other line names the
@@ -57,6 +57,7 @@ def read_density_table(path, source=None):
     Args:
         path: the file; 'file.csv#name' selects the rows of source `name`.
         source: the same selection as an argument.
+        folder: from which a relative path starts.
 
     Returns:
         Array (n, 2) of altitude (m) and density (kg/m^3).
@@ -74,9 +75,9 @@ def read_density_table(path, source=None):
         raise ValueError(f"{name[:60]}...: {len(name)} characters are too long for a path; give a UTF-8 CSV file")
     try:
         # A device or a pipe may never end, or never begin.
-        if Path(name).exists() and not Path(name).is_file():
+        if Path(folder, name).exists() and not Path(folder, name).is_file():
             raise ValueError("it is not a regular file")
-        with Path(name).open("rb") as file:
+        with Path(folder, name).open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise ValueError(f"it is larger than {LARGEST_FILE} bytes")
@@ -140,14 +141,6 @@ def _require_altitude_unit(table, key, name):
             f"{name}: column {key}: the density falls by a factor of e in {(highest - lowest) / falls:.3g} m, from "
             f"{lowest:g} to {highest:g} m; is the unit right? If not, name the column {other}"
         )
-
-
-def table_or_file(value):
-    """Read the density table that a text names (see `read_density_table`); anything else is returned as it is.
-
-    For the validation of inputs: a table may be written as its file, and what is then the input are its numbers.
-    """
-    return read_density_table(value).tolist() if isinstance(value, str) else value
 
 
 def physical_table(table):

@@ -21,11 +21,6 @@ def catalogue(slug: str) -> Paper:
     return declared(written, input_model(slug), fingerprints_of())
 
 
-def rounding_noise() -> dict[str, tuple[str, ...]]:
-    """Return what rounding decides in each paper, see `Paper.noise`."""
-    return {slug: catalogue(slug).noise for slug in SLUGS}
-
-
 def input_model(slug: str) -> type:  # of Inputs, which jobs import this package without
     """Return the class of a paper's typed inputs."""
     return import_module(f"marsedl.papers.{slug}.inputs").MODEL

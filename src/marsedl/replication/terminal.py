@@ -15,17 +15,10 @@ def printable(text: object) -> str:
 
 
 def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = True, width: int | None = None) -> str:
-    """Lay out rows of equal length as aligned columns.
+    """Lay out rows of equal length as aligned columns; the first keeps its width, the widest of the others give way.
 
-    Args:
-        rows: the cells.
-        indent: spaces before each line.
-        wrap: break what is too long over several lines; otherwise it is cut off.
-        width: of the whole; that of the terminal unless given, without limit if the output goes elsewhere.
-
-    Returns:
-        The lines. The first column keeps its width, and the widest of the others give way.
-
+    indent: spaces before each line; wrap: break what is too long over several lines, otherwise it is cut off
+    width: of the whole; that of the terminal unless given, without limit if the output goes elsewhere
     """
     if not rows:
         return ""

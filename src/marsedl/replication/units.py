@@ -24,18 +24,7 @@ CONVERSIONS = {  # from the unit of a record to that in which it is shown
 
 
 def converted(values: Any, unit: str, target_unit: str, name: str = "a value") -> np.ndarray:
-    """Return values in another unit.
-
-    Args:
-        values: in `unit`, any shape.
-        unit: their unit.
-        target_unit: the unit to convert to.
-        name: of the field, for the message of an error.
-
-    Raises:
-        ValueError: there is no such conversion.
-
-    """
+    """Return values in another unit; raises ValueError, which has the field's `name`, if there is no conversion."""
     if target_unit == unit:
         return np.asarray(values)
     if (unit, target_unit) not in CONVERSIONS:

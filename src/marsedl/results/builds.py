@@ -1,6 +1,5 @@
 """Where the results of a build are: its folder, its readings, and the files of its artifacts."""
 
-import contextlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,49 +29,44 @@ class Build:
 
     def study(self, paper: str) -> Study:
         """Return a paper's readings."""
-        if paper not in SLUGS:
-            raise _unknown("there is no paper", paper, SLUGS)
-        with contextlib.chdir(self.project):  # from where files named by inputs are read
-            return load_study(paper, input_model(paper), Path("configs") / f"{paper}.yaml", size=self.size)
+        _check("there is no paper", paper, SLUGS)
+        return load_study(paper, input_model(paper), self.project, self.size)
 
     def reading(self, paper: str, name: str) -> Reading:
         """Return a configured reading."""
-        return _reading(self.study(paper), name)
+        readings = self.study(paper).readings
+        _check(f"{paper} has no reading", name, readings)
+        return readings[name]
 
     def artifact(self, paper: str, stage: str, reading: str, case: str | None) -> Path:
         """Return the file of an artifact: that of the reading which shares it, where it is shared."""
         name, study = stage if case is None else f"{stage}.{case}", self.study(paper)
-        own_file = self.folder / "data" / "cache" / paper / reading / f"{name}.h5"
-        if reading not in study.readings and own_file.parent.is_dir():  # of a configuration that is not available
-            return self._existing(own_file)
-        cases = [f"{FLIGHTS}.{case}" for case in _reading(study, reading).trial_counts()]
-        shared = Shared(catalogue(paper), study)
-        if not shared.has(reading, name) or name == FLIGHTS:
+        path = own_file = self.folder / "data" / "cache" / paper / reading / f"{name}.h5"
+        if reading in study.readings or not own_file.parent.is_dir():  # else of a configuration that is not available
+            cases = [f"{FLIGHTS}.{case}" for case in self.reading(paper, reading).trial_counts()]
             stages = [stage for stage in catalogue(paper).stages if not stage.startswith(FLIGHTS)]
-            raise _unknown(f"reading {reading} of {paper} has no artifact", name, [*stages, *cases])
-        path = self.folder / shared.file(reading, name)
-        return own_file if own_file.exists() and not path.exists() else self._existing(path)
-
-    def _existing(self, path: Path) -> Path:
-        """The path if there is such a file; InputError naming the others beside it if not."""
-        if path.exists():
-            return path
-        size = "" if self.size == FULL else f" --config size={self.size}"
-        beside = ", ".join(sorted(other.stem for other in path.parent.glob("*.h5"))) or "nothing"
-        target = path.relative_to(self.folder)
-        raise InputError(f"{path} is not built; run 'snakemake {target}{size}'. Built beside it: {beside}")
+            shared = Shared(catalogue(paper), study)
+            if not shared.has(reading, name) or name == FLIGHTS:
+                raise _unknown(f"reading {reading} of {paper} has no artifact", name, [*stages, *cases])
+            path = self.folder / shared.file(reading, name)
+        found = next((file for file in (path, own_file) if file.exists()), None)
+        if found is None:
+            size = "" if self.size == FULL else f" --config size={self.size}"
+            beside = ", ".join(sorted(other.stem for other in path.parent.glob("*.h5"))) or "nothing"
+            target = path.relative_to(self.folder)
+            raise InputError(f"{path} is not built; run 'snakemake {target}{size}'. Built beside it: {beside}")
+        return found
 
     def table(self, paper: str, name: str, reading: str) -> Path:
         """Return the CSV file of a table; paper: its slug, or "comparison"."""
-        if paper not in (*SLUGS, COMPARISON):
-            raise _unknown("there is no paper", paper, SLUGS)
+        if paper != COMPARISON:
+            _check("there is no paper", paper, SLUGS)
         place = "" if reading == CORRECTED or paper == COMPARISON else reading
         path = self.folder / "figures" / paper / place / f"{name}.csv"
         if not path.exists():
             if tables := [other.stem for other in path.parent.glob("*.csv")]:
                 raise _unknown(f"{path.parent} has no table", name, tables)
-            target = path.relative_to(self.folder).as_posix()
-            raise InputError(f"{path.parent} holds no tables; run 'snakemake {target}'")
+            raise InputError(f"{path.parent} holds no tables; run 'snakemake {path.relative_to(self.folder)}'")
         return path
 
 
@@ -88,29 +82,21 @@ def find(build: str | Path | None = None) -> Build:
     if not folder.is_dir():
         raise InputError(f"{build}: there is no such folder; name one in which report/ or data/cache/ was built")
     if build is None and not (folder / "report" / "claims.json").exists() and not (folder / "data" / "cache").is_dir():
-        projects = (other for other in (folder, *folder.parents, clone) if (other / "Snakefile").exists())
-        project = next(filter(_has_configuration, projects), None)
-        if project is None:
-            raise InputError(f"{folder} is not inside a marsedl project; change to one, or pass a folder as build=")
-        folder = project
-    project, size = folder, FULL
-    if not _has_configuration(folder):
-        project = folder.parent.parent
-        is_size = _has_configuration(project) and build_folder(project, folder.name) == folder
-        project, size = (project, folder.name) if is_size else (clone, FULL)
-    if not _has_configuration(project):
-        raise InputError(f"{folder} has no configs/; copy the ones that it was built with into it")
-    return Build(folder, project, size)
+        for project in (folder, *folder.parents, clone):
+            if (project / "Snakefile").exists() and (project / "configs").is_dir():
+                return Build(project, project, FULL)
+        raise InputError(f"{folder} is not inside a marsedl project; change to one, or pass a folder as build=")
+    project = folder.parent.parent
+    of_size = [(project, folder.name)] if folder == build_folder(project, folder.name) else []
+    for project, size in ((folder, FULL), *of_size, (clone, FULL)):
+        if (project / "configs").is_dir():
+            return Build(folder, project, size)
+    raise InputError(f"{folder} has no configs/; copy the ones that it was built with into it")
 
 
-def _reading(study: Study, name: str) -> Reading:
-    if name not in study.readings:
-        raise _unknown(f"{study.paper} has no reading", name, study.readings)
-    return study.readings[name]
-
-
-def _has_configuration(folder: Path) -> bool:
-    return (folder / "configs").is_dir()
+def _check(what: str, name: str, names: Iterable[str]) -> None:
+    if name not in names:
+        raise _unknown(what, name, names)
 
 
 def _unknown(what: str, name: str, names: Iterable[str]) -> InputError:

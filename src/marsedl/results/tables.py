@@ -18,16 +18,11 @@ def claims(build: str | Path | None = None) -> pd.DataFrame:
     """Return every claim of all papers in every reading, a row for each component of it.
 
     Columns: paper, claim, component (its place, counted from 1: "[2]", "[2,1]" in a matrix; NaN for a single number),
-    reading, value, standard_error, printed, verdict of the whole claim in that reading, trials, unit. For statements,
-    value and printed are 1 for true and 0 for false. Missing values are NaN, and NA in trials.
+    reading, value, standard_error, printed, verdict of the component, claim_verdict of the whole claim in that reading,
+    trials, unit. For statements, value and printed are 1 for true and 0 for false. Missing values are NaN, and NA in
+    trials.
 
-    Args:
-        build: folder of the build.
-
-    Raises:
-        InputError: there is no such build.
-        ArtifactError: its report/claims.json is missing or damaged.
-
+    Raises InputError if there is no such build, ArtifactError if its report/claims.json is missing or damaged.
     """
     return claims_table(read_claims(find(build).folder / "report" / "claims.json"))
 
@@ -40,13 +35,7 @@ def verdicts(build: str | Path | None = None) -> pd.DataFrame:
     unit, distance and distance_in; of the counterexample change, of, amount, to. `docs/schemas/claims.json` says what
     they mean. Missing values are NaN: claims that are not counted have no margin and no counterexample.
 
-    Args:
-        build: folder of the build.
-
-    Raises:
-        InputError: there is no such build.
-        ArtifactError: its report/claims.json is missing or damaged.
-
+    Raises InputError if there is no such build, ArtifactError if its report/claims.json is missing or damaged.
     """
     rows = []
     for row in read_claims(find(build).folder / "report" / "claims.json"):
@@ -60,24 +49,16 @@ def verdicts(build: str | Path | None = None) -> pd.DataFrame:
 def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | None = None) -> pd.DataFrame:
     """Return a table that a build made; whole numbers stay whole where some are missing.
 
-    Args:
-        paper: its slug, or "comparison".
-        name: name of the table, as of its file without ending.
-        reading: name of the reading; a comparison has none.
-        build: folder of the build.
+    paper: its slug, or "comparison", which has no readings; name: of the table's file without ending
 
-    Raises:
-        InputError: there is no such paper or table, or it is not built; the message names what exists.
-
+    Raises InputError, which names what exists, if there is no such paper or table, or it is not built.
     """
     path = find(build).table(paper, name, reading)
-    frame = pd.read_csv(path)
-    gaps = [column for column in frame if frame[column].dtype == float and frame[column].isna().any()]
-    if gaps:
-        texts = pd.read_csv(path, dtype=str)
-        for column in gaps:
-            if texts[column].dropna().str.fullmatch(r"[+-]?\d+").all() and texts[column].notna().any():
-                frame[column] = frame[column].astype("Int64")
+    frame, texts = pd.read_csv(path), pd.read_csv(path, dtype=str)
+    for column in frame:
+        written = texts[column].dropna()
+        if frame[column].dtype == float and 0 < len(written) < len(frame) and written.str.fullmatch(r"[+-]?\d+").all():
+            frame[column] = frame[column].astype("Int64")
     return frame
 
 
@@ -86,14 +67,7 @@ def inputs(paper: str, reading: str = CORRECTED, build: str | Path | None = None
 
     Columns: name ("section.name"), value (SI, a list for an array), unit, source and meaning.
 
-    Args:
-        paper: its slug.
-        reading: name of the reading.
-        build: folder of the build.
-
-    Raises:
-        InputError: there is no such paper or reading; the message names what exists.
-
+    Raises InputError, which names what exists, if there is no such paper or reading.
     """
     configured = find(build).reading(paper, reading)
     rows = [

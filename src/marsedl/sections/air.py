@@ -2,16 +2,22 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, WithJsonSchema, model_validator
 
-from marsedl.models.density_table import physical_table, table_or_file
+from marsedl.models.density_table import physical_table, read_density_table
 from marsedl.replication.inputs.sections import ARRAY, Number, Positive, Section, given, vector
+
+
+def _read(value, info: ValidationInfo):
+    """The numbers of a table that is written as the name of its file; a relative path starts at the root."""
+    return read_density_table(value, folder=info.context["root"]).tolist() if isinstance(value, str) else value
+
 
 _ROW = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": "number"}}
 _WRITTEN = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "array", "minItems": 3, "items": _ROW}]}
 DensityTable = Annotated[
     tuple[tuple[Number, Number], ...],
-    BeforeValidator(table_or_file),
+    BeforeValidator(_read),
     AfterValidator(physical_table),
     *ARRAY,
     WithJsonSchema(_WRITTEN),

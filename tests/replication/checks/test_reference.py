@@ -24,22 +24,10 @@ SLUG = "powered_descent"
 ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 
 
-class Owned:
-    """Stands for `Shared`: every reading owns its file, but for `copy`, whose nominal is that of `corrected`."""
-
-    readings = ("corrected",)
-
-    def has(self, reading, name):
-        return name == "nominal"
-
-    def file(self, reading, name):
-        return f"data/cache/{SLUG}/{'corrected' if reading == 'copy' else reading}/{name}.h5"
-
-    def claimed(self, reading):
-        return {"nominal": self.file(reading, "nominal")}
-
-
-PAPERS = {SLUG: Owned()}
+def owned(*noise):
+    """Stands for `Shared`: a paper with one reading and one artifact."""
+    paper = SimpleNamespace(slug=SLUG, noise=noise)
+    return {SLUG: SimpleNamespace(paper=paper, readings=("corrected",), claimed=lambda reading: {"nominal": ARTIFACT})}
 
 
 @dataclass(frozen=True)
@@ -59,10 +47,10 @@ def project(tmp_path, monkeypatch):
     stored(tmp_path)
     claim(tmp_path, 1349.4)
     counterexample(tmp_path, "fails")
-    reference.accept_reference(tmp_path, PAPERS)
+    reference.accept_reference(tmp_path, tmp_path, owned())
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
-    build = SimpleNamespace(root=tmp_path, size="full", studies={}, quotes=lambda slug: None)
-    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, PAPERS, None))
+    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
+    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
     monkeypatch.chdir(tmp_path)
@@ -87,7 +75,7 @@ def claim(root, value, reason="E10: not reproducible", verdict="differs", printe
     path.parent.mkdir(parents=True, exist_ok=True)
     results = {"corrected": (value, verdict), "printed": (None, printed)}
     readings = {
-        reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": ""}
+        reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": []}
         for reading, (value, verdict) in results.items()
     }
     row = {"where": "x", "quantity": "x", "printed": 1346, "unit": "kg", "kind": "deterministic", "resolution": 1}
@@ -197,11 +185,11 @@ def test_claims_that_are_new_or_gone_fail(project, capsys):
     claim(project, 1349.4, names=("final_mass", "fuel"))
     assert cli.main(["verify", "--no-rebuild"]) == 1
     output = capsys.readouterr().out.splitlines()
-    assert ["verdict", "of", "fuel", "–", "differs", "inf"] in [line.split() for line in output]
+    assert ["verdict", "of", "fuel,", "corrected", "–", "differs", "inf"] in [line.split() for line in output]
     claim(project, 1349.4, names=("fuel",))
     assert cli.main(["verify", "--no-rebuild"]) == 1
     output = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["verdict", "of", "final_mass", "differs", "–", "inf"] in output
+    assert ["verdict", "of", "final_mass,", "corrected", "differs", "–", "inf"] in output
     assert ["claims/final_mass/corrected", "1349.4", "–", "inf"] in output
 
 
@@ -251,7 +239,7 @@ def test_missing_builds_and_references_are_refused(project, capsys):
     assert "is missing; restore it, or write it with 'marsedl accept' after a full build" in capsys.readouterr().err
     (project / "report" / "claims" / f"{SLUG}.json").unlink()
     assert cli.main(["accept"]) == 2
-    assert "there is no full build to compare; run 'snakemake all'" in capsys.readouterr().err
+    assert "cannot be read (No such file or directory); run 'snakemake claims'" in capsys.readouterr().err
 
 
 # -------------------------------------------------------------------------------------------------------------- accept
@@ -276,10 +264,10 @@ def test_numbers_within_tolerance_keep_their_digits(project):
     path = project / "data" / "reference" / f"{SLUG}.json"
     before = path.read_text(encoding="utf-8")
     stored(project, scale=1 + 1e-9)
-    reference.accept_reference(project, PAPERS)
+    reference.accept_reference(project, project, owned())
     assert path.read_text(encoding="utf-8") == before
     stored(project, scale=1 + 1e-9, iterations=200)
-    reference.accept_reference(project, PAPERS)
+    reference.accept_reference(project, project, owned())
     now = path.read_text(encoding="utf-8")
     changes = set(now.splitlines()) ^ set(before.splitlines())
     assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations"}
@@ -299,8 +287,6 @@ def test_an_unexplained_verdict_is_not_accepted(project, capsys):
     ("content", "problem"),
     [
         ("", "is not JSON"),
-        ('{"mass": {"shape": []}}', "'mass' is not a name of three parts"),
-        ('{"a/b/c": {"shape": [], "counts": false, "numbers": ["x"]}}', "has no list of numbers under 'numbers'"),
     ],
 )
 @pytest.mark.parametrize("command", [("verify", "--no-rebuild"), ("accept",)], ids=" ".join)
@@ -383,11 +369,11 @@ def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
 
 def test_what_rounding_decides_is_compared_by_shape(project, capsys):
     stored(project, scale=1.1)
-    assert not reference.compare_reference(project, PAPERS)
-    assert reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/ma*",)})
+    assert not reference.compare_reference(project, project, owned())
+    assert reference.compare_reference(project, project, owned("corrected/nominal/ma*"))
     assert "1 that rounding decides compared by shape" in capsys.readouterr().out
-    assert not reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/iterations",)})
+    assert not reference.compare_reference(project, project, owned("corrected/nominal/iterations"))
     path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
     shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
     store.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
-    assert not reference.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/mass",)})
+    assert not reference.compare_reference(project, project, owned("corrected/nominal/mass"))

@@ -87,8 +87,8 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(small):
         small.edit(f"src/marsedl/{facts['file']}", facts["old"], facts["new"])
         targets += [(slug, stage) for stage in facts["rerun"]]
     plan = small.plan(*(f"report/claims/{slug}.json" for slug in (SLUG, SMALL)))
-    made = {tuple(re.fullmatch(rf"({SLUG}|{SMALL})_(\w+)", rule).groups()) for rule in plan.outputs}
-    assert {one for one in made if one[1] != "claims"} == set(targets)
+    artifacts = [Path(path) for path in plan.files if path.startswith("data/cache/")]
+    assert {(path.parts[2], path.stem.partition(".")[0]) for path in artifacts} == set(targets)
 
 
 def test_it_keeps_to_the_style_and_is_written_where_papers_are(tree):
@@ -123,7 +123,7 @@ def test_it_is_registered_behind_the_other_papers_and_explained_before_anything_
 
 
 REFUSED = [
-    ("funnels", "there is a paper 'funnels' already"),
+    ("funnels", "is the name of a paper, rule or module"),
     ("Glide", "at most 40 lower case letters"),
     ("glide-2", "at most 40 lower case letters"),
     ("glide__path", "at most 40 lower case letters"),
@@ -133,10 +133,10 @@ REFUSED = [
     ("", "at most 40 lower case letters"),
     ("powered", "would be taken for 'powered_descent'"),
     ("funnels_again", "would be taken for 'funnels'"),
-    ("claims", "is the name of a rule or module"),
-    ("figure", "is the name of a rule or module"),
-    ("density", "is the name of a rule or module"),
-    ("common", "is the name of a rule or module"),
+    ("claims", "is the name of a paper, rule or module"),
+    ("figure", "is the name of a paper, rule or module"),
+    ("density", "is the name of a paper, rule or module"),
+    ("common", "is the name of a paper, rule or module"),
 ]
 TEXTS = [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")]
 
@@ -157,7 +157,4 @@ def test_a_project_without_its_register_is_refused_by_name(tree):
     name = "src/marsedl/papers/__init__.py"
     (tree / name).write_text("")
     with pytest.raises(InputError, match=re.escape(name)):
-        new_paper(tree, SLUG, TITLE, AUTHORS)
-    (tree / name).unlink()
-    with pytest.raises(InputError, match=rf"{re.escape(name)}: cannot be read"):
         new_paper(tree, SLUG, TITLE, AUTHORS)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from marsedl.replication.claims.claim import Counterexample
-from marsedl.replication.claims.counterexamples import blended, replaced, scaled, shifted, spread, turning_point
+from marsedl.replication.claims.counterexamples import blended, replaced, scaled, shifted, spread
 from marsedl.replication.errors import InputError
+from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.records.fields import Axis, quantity, record
 
 STATE = Axis("state", downrange="m", altitude="m")
@@ -33,16 +34,15 @@ VALUES = {"mission.target": (1.0, 2.0)}
 
 
 def turned(counterexample, statement):
-    def judge(values, artifact, others):
-        given = SimpleNamespace(values=values, closed=artifact("closed", Flights), others=others)
-        value = statement(given)
+    def judge(given):
+        closed = given.artifact("closed", Flights)
+        value = statement(SimpleNamespace(values=given.values, closed=closed, others=given.further))
         if not math.isfinite(value):
             raise ValueError
         return "holds" if value > 0 else "fails", None
 
-    return turning_point(
-        counterexample, judge, VALUES, lambda name, kind: RECORDS[name], {"measured": {"run, one core": 2.0}}
-    )
+    costs = {"measured": {"run, one core": 2.0}}
+    return counterexample.turning_point(judge, Arguments(VALUES, lambda name, kind: RECORDS[name], costs))
 
 
 def test_the_least_change_is_told():
@@ -55,7 +55,7 @@ def test_the_least_change_is_told():
     assert wider.amount == pytest.approx(1.5, rel=0.01)
     factor = turned(scaled("closed.final_state", "altitude"), lambda g: g.closed.final_state[0, 1] - 1.0)
     assert factor.amount == pytest.approx(0.2, rel=0.01)
-    way = turned(blended("closed.final_state", "open"), lambda g: 5.5 - g.closed.final_state[-1, 0])
+    way = turned(blended("closed.final_state", other="open"), lambda g: 5.5 - g.closed.final_state[-1, 0])
     assert way.amount == pytest.approx(0.5, rel=0.01)
 
 

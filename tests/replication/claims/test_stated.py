@@ -29,7 +29,8 @@ VALUES["mission.limits"] = [0.2617993877991494, 0.5235987755982988]
 
 
 def claim_of(name, printed, unit):
-    return PublishedClaim("toy", "entry", "Table 1", "entry", printed, unit, "input", input=name)
+    named = {"paper": "toy", "id": "entry", "where": "Table 1", "quantity": "entry", "kind": "input"}
+    return PublishedClaim(**named, printed=printed, unit=unit, input=name)
 
 
 @pytest.mark.parametrize(
@@ -47,11 +48,11 @@ def claim_of(name, printed, unit):
 )
 def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
     claim = claim_of(name, printed, unit)
-    assert judge(claim, stated_value(claim, VALUES, ToyInputs))[0] == "as_stated"
+    assert judge(claim, stated_value(claim, VALUES, ToyInputs)).verdict == "as_stated"
     evaluations = {
         key: 1.01 * value if isinstance(value, float) else [1.01 * v for v in value] for key, value in VALUES.items()
     }
-    assert judge(claim, stated_value(claim, evaluations, ToyInputs))[0] == "not_as_stated"
+    assert judge(claim, stated_value(claim, evaluations, ToyInputs)).verdict == "not_as_stated"
 
 
 @pytest.mark.parametrize(
@@ -77,7 +78,7 @@ def test_only_a_stated_input_may_name_one(tmp_path):
     path.write_text(text.replace("KIND", "input"))
     assert load_published(path)[0].input == "mission.altitude"
     path.write_text(text.replace("KIND", "context"))
-    with pytest.raises(InputError, match=r"claims\.a\.input: unknown key"):
+    with pytest.raises(InputError, match=r"claims\.a\.input: only a claim of kind 'input'"):
         load_published(path)
     path.write_text(text.replace("KIND", "input").replace("mission.altitude", "altitude"))
     with pytest.raises(InputError, match=r"claims\.a\.input: must be an input 'section\.name'"):

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Margin, Result
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Doubt, Margin, Result, Tolerance
 from marsedl.replication.claims.numbers import format_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.rows import read_claims, summary, write_claims
-from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect, judge
+from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect, judge
 from marsedl.replication.errors import ArtifactError, InputError
 
 DATA = Path(__file__).parents[3] / "data"
@@ -17,8 +17,8 @@ PUBLISHED = DATA / "published"
 
 
 def claim(**changes):
-    base = PublishedClaim("paper", "mass", "Sec. V", "final mass", 1349, "kg", "deterministic", resolution=1)
-    return replace(base, **changes)
+    named = {"paper": "paper", "id": "mass", "where": "Sec. V", "quantity": "final mass", "kind": "deterministic"}
+    return PublishedClaim(**named, printed=1349, unit="kg", resolution=1).model_copy(update=changes)
 
 
 def verdict(claim, value, *rest, close=None, **options):
@@ -62,7 +62,7 @@ def test_every_published_file_loads():
         ("resolution: 1", "resolution: 0", ["claims.mass.resolution", "positive"]),
         ("printed: 1349", "printed: many", ["claims.mass.printed", "many"]),
         ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 1.0e-3"]),
-        ("id: mass", "id: a mass", [":3: claims.'a mass'.id"]),
+        ("id: mass", "id: a mass", [":3: claims.a mass.id"]),
         ("claims:", "claims: [", ["paper.yaml"]),
     ],
 )
@@ -161,7 +161,7 @@ def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
     our_error, far = 0.3, 0.5 + 3 * 0.3 * math.sqrt(5)
     judged = judge(printed, Evaluation(1349 + far + 0.5 * our_error, our_error, 2000))
     assert judged.verdict == "undetermined"
-    number = float(judged.doubt.split("about ")[1].split()[0].replace(",", ""))
+    number = judged.doubts[0].trials
     # With so many trials and the same value it is decided.
     settled = judge(
         printed, Evaluation(1349 + far + 0.5 * our_error, our_error * math.sqrt(2000 / number), int(number))
@@ -174,8 +174,8 @@ def test_a_number_without_a_standard_error_decides_nothing():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
     judged = judge(printed, Evaluation(1349.0, math.nan, 7))
     assert (judged.verdict, judged.margin) == ("undetermined", None)
-    assert judged.doubt == "so few trials give no standard error"
-    both = replace(printed, printed=[1349, 1349])
+    assert judged.doubts == (Doubt(why="so few trials give no standard error"),)
+    both = printed.model_copy(update={"printed": [1349, 1349]})
     assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
 
 
@@ -218,37 +218,28 @@ def test_what_cannot_fail_is_listed_and_not_counted():
 
 def test_a_statement_in_doubt_is_undetermined():
     statement = claim(kind="qualitative", printed=True, resolution=None)
-    judged = judge(statement, Evaluation(True, evidence="yes", undetermined="noise decides"))
-    assert (judged.verdict, judged.doubt) == ("undetermined", "noise decides")
+    doubts = (Doubt(why="noise decides"),)
+    judged = judge(statement, Evaluation(True, evidence="yes", doubts=doubts))
+    assert (judged.verdict, judged.doubts) == ("undetermined", doubts)
 
 
 def test_close_is_a_tolerance_stated_beforehand():
-    one_percent = Close("the step size is not stated", relative=0.01)
+    one_percent = Tolerance(reason="the step size is not stated", relative=0.01)
     printed = claim(printed=-200.0, resolution=0.1)
     assert verdict(printed, -200.04, close=one_percent) == "reproduced"
     assert verdict(printed, -201.999, close=one_percent) == "close"
     assert verdict(printed, -198.001, close=one_percent) == "close"
     assert verdict(printed, -202.001, close=one_percent) == "differs"
-    assert verdict(printed, -200.5, close=Close("why", absolute=0.5)) == "close"
-    assert verdict(printed, -200.501, close=Close("why", absolute=0.5)) == "differs"
+    assert verdict(printed, -200.5, close=Tolerance(reason="why", absolute=0.5)) == "close"
+    assert verdict(printed, -200.501, close=Tolerance(reason="why", absolute=0.5)) == "differs"
     vector = claim(printed=[1.0, 0.0], resolution=0.01)
-    assert verdict(vector, [1.1, 0.2], close=Close("why", absolute=[0.1, 0.2])) == "close"
-    assert verdict(vector, [1.1, 0.21], close=Close("why", absolute=[0.1, 0.2])) == "differs"
-    assert verdict(vector, [1.001, 0.02], close=Close("a zero leaves no room", relative=0.5)) == "differs"
+    assert verdict(vector, [1.1, 0.2], close=Tolerance(reason="why", absolute=[0.1, 0.2])) == "close"
+    assert verdict(vector, [1.1, 0.21], close=Tolerance(reason="why", absolute=[0.1, 0.2])) == "differs"
+    assert verdict(vector, [1.001, 0.02], close=Tolerance(reason="a zero leaves no room", relative=0.5)) == "differs"
     noisy = claim(kind="monte_carlo", trials=100, resolution=1.0)
     assert verdict(noisy, 1360.0, 0.1, 100, close=one_percent) == "close"
     with pytest.raises(ArtifactError, match="tolerance"):
-        verdict(vector, [2.0, 2.0], close=Close("why", absolute=[0.1]))
-
-
-@pytest.mark.parametrize(
-    "tolerances", [{}, {"relative": 0.1, "absolute": 1.0}, {"relative": 0.0}, {"absolute": math.nan}]
-)
-def test_close_needs_one_positive_tolerance(tolerances):
-    with pytest.raises(InputError):
-        Close("why", **tolerances)
-    with pytest.raises(InputError, match="reason"):
-        Close(" ", relative=0.1)
+        verdict(vector, [2.0, 2.0], close=Tolerance(reason="why", absolute=[0.1]))
 
 
 @pytest.mark.parametrize(
@@ -261,10 +252,8 @@ def test_a_statement_holds_if_the_test_decides_as_printed(printed, computed, exp
     assert verdict(statement, np.bool_(computed), evidence="factor 0.011") == expected
 
 
-def test_a_statement_needs_a_bool_and_evidence():
+def test_a_statement_needs_a_bool():
     statement = claim(kind="qualitative", printed=True, resolution=None)
-    with pytest.raises(ArtifactError, match="evidence"):
-        verdict(statement, True)
     with pytest.raises(ArtifactError, match="true or false"):
         verdict(statement, 1, evidence="one")
 
@@ -294,7 +283,7 @@ def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
 
 def test_a_value_that_is_not_finite_never_reproduces():
     assert verdict(claim(), math.nan) == "differs"
-    assert verdict(claim(), math.inf, close=Close("why", relative=1.0)) == "differs"
+    assert verdict(claim(), math.inf, close=Tolerance(reason="why", relative=1.0)) == "differs"
     judged = judge(claim(kind="monte_carlo", trials=10), Evaluation(math.nan))
     assert (judged.verdict, judged.z) == ("differs", None)
 
@@ -306,8 +295,8 @@ def test_a_value_that_is_not_finite_never_reproduces():
         ({}, Evaluation(True), "numbers"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "standard error"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "trials"),
     ],
 )
 def test_an_unusable_evaluation_is_refused_by_name(changes, evaluation, word):
@@ -326,8 +315,8 @@ CLAIMS = [
     claim(id="mean", kind="monte_carlo", printed=[100.1, 49.8], resolution=0.1, trials=2000, unit="m"),
 ]
 DECLARED = {
-    "mean": Declaration("The step is too long: {value[1]:.2f} m (z = {z:.1f}); {target4[value][1]:.1f} m.", ("E11",)),
-    "mass": Declaration("{printed[prior]:.1f} kg against {prior:.1f} kg.", errata=("E5", "E17")),
+    "mean": Declaration("The step is too long: {value[1]:.2f} m (z = {z:.1f}); {target4.value[1]:.1f} m.", ("E11",)),
+    "mass": Declaration("{printed.prior:.1f} kg against {prior:.1f} kg.", errata=("E5", "E17")),
 }
 
 
@@ -362,7 +351,7 @@ def test_rows_show_the_default_reading_first_and_keep_every_reading():
     assert list(mass.readings) == ["corrected", "printed", "target4"]
     assert mass.readings["printed"].verdict == "differs"
     assert mass.reason == "E5, E17. 1354.9 kg against 1349.4 kg."
-    assert set(Claim.model_fields) - set(mass.written()) == {"counterexample", "thin"}
+    assert mass.written().keys() == Claim.model_fields.keys()
     assert mass.written()["readings"]["printed"].keys() == Result.model_fields.keys()
     assert rows["converges"].readings["target4"].verdict is None
     assert rows["effort"].verdict == "undetermined"
@@ -381,24 +370,22 @@ def test_readings_can_be_compared_at_equal_numbers_of_trials():
     mean = next(claim for claim in CLAIMS if claim.id == "mean")
     large = readings()["corrected"]["mean"]
     small = replace(large, trials=large.trials // 2)
-    rows = collect(CLAIMS, DECLARED, readings(), at_equal_trials={"corrected": {mean.id: small}})
+    compared = large.compared_by(small)
+    rows = collect(CLAIMS, DECLARED, {**readings(), "corrected": evaluations(mean=compared)})
     results = next(row for row in rows if row.id == mean.id).readings
     assert results["corrected"].at_equal_trials.trials == small.trials
     assert results["printed"].at_equal_trials is None
     judged = judge(mean, small, DECLARED["mean"])
     assert results["corrected"].at_equal_trials.margin == judged.margin != results["corrected"].margin
+    assert large.compared_by(large) == large
 
 
 def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
-    statement = next(claim for claim in CLAIMS if claim.id == "converges")
-
     def at_equal_trials(value, scale):
         margin = Margin(measure="growth", value=0.2, limit=1.0, unit="", distance=8.0, scale=scale, standard_error=0.1)
         large = Evaluation(True, trials=1000, evidence="0.2", margin=margin)
         small = replace(large, trials=100, margin=margin.model_copy(update={"value": value, "distance": 2.0}))
-        of_readings = {**readings(), "corrected": evaluations(converges=large)}
-        rows = collect(CLAIMS, DECLARED, of_readings, at_equal_trials={"corrected": {statement.id: small}})
-        return next(row for row in rows if row.id == statement.id).readings["corrected"].at_equal_trials
+        return large.compared_by(small).at_equal_trials
 
     assert at_equal_trials(0.21, "standard errors").margin.value == 0.21
     assert at_equal_trials(0.2, "limits").trials == 100
@@ -427,11 +414,11 @@ def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(nam
     assert collect(published, declared, {"corrected": fine, "printed": {name: bad}})
 
 
-def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
-    declared = {"mass": Declaration("Here {value:.0f}, there {elsewhere[value][0]:.2f}.", ("E1",))}
+def test_a_reason_has_dashes_for_numbers_that_a_smaller_size_does_not_build():
+    declared = {"mass": Declaration("Here {value:.0f}, there {elsewhere.value[0]:.2f}.", ("E1",))}
     evaluations = {"corrected": {"mass": Evaluation(1355.0)}}
     (row,) = collect([CLAIMS[0]], declared, evaluations, left_out=["elsewhere"])
-    assert row.reason == "E1. Here 1355, there not built."
+    assert row.reason == "E1. Here 1355, there –."
     with pytest.raises(InputError, match="elsewhere"):
         collect([CLAIMS[0]], declared, evaluations)
 
@@ -439,19 +426,14 @@ def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda r, d: r["corrected"].pop("mass"), ["corrected", "without an evaluator", "mass"]),
-        (lambda r, d: r["target4"].update(mas=None), ["target4", "unknown claim", "mas;", "'mass'"]),
-        (lambda r, d: r.pop("corrected"), ["no evaluations of reading corrected"]),
+        (lambda r, d: [of.pop("mass") for of in r.values()], ["claim mass", "no function evaluates it"]),
+        (lambda r, d: r["target4"].update(mas=None), ["there is no claim 'mas'", "'mass'"]),
         (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
         (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
-        (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["claim mass", "unknown erratum", "E99"]),
+        (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["there is no erratum 'E99'"]),
         (
-            lambda r, d: d.update(converges=Declaration(close=Close("why", relative=0.1))),
+            lambda r, d: d.update(converges=Declaration(close=Tolerance(reason="why", relative=0.1))),
             ["claim converges", "no tolerance"],
-        ),
-        (
-            lambda r, d: r["corrected"].update(mass=Evaluation(1349.0, numbers={"printed": 1.0})),
-            ["claim mass", "'printed'", "reading"],
         ),
     ],
 )
@@ -497,10 +479,9 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
     write_claims(collected(), path)
     before = path.read_bytes()
     damaged = collected()[0].model_copy(update={"printed": math.nan})
-    for bad in ([damaged], [*collected(), *collected()]):
-        with pytest.raises(ArtifactError, match=r"claims.json"):
-            write_claims(bad, path)
-        assert path.read_bytes() == before
+    with pytest.raises(ArtifactError, match=r"claims.json"):
+        write_claims([damaged], path)
+    assert path.read_bytes() == before
     with pytest.raises(ArtifactError, match=r"none.json"):
         read_claims(tmp_path / "none.json")
     (tmp_path / "bad.json").write_text("{}")
@@ -539,7 +520,11 @@ def test_numbers_are_written_as_a_reader_expects(arguments, expected):
 
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path):
     path = tmp_path / "claims.json"
-    for content, problem in (("", "is not JSON"), ("{}", "is not a list of claims"), ('[{"id": 1}]', "0.paper: ")):
+    for content, problem in (
+        ("", "Invalid JSON"),
+        ("{}", "Input should be a valid"),
+        ('[{"id": 1}]', "0.paper: "),
+    ):
         path.write_text(content, encoding="utf-8")
         with pytest.raises(ArtifactError) as caught:
             read_claims(path)

@@ -8,6 +8,7 @@ import pytest
 
 from marsedl.papers import SLUGS
 from marsedl.replication.claims import writing
+from marsedl.replication.claims.claim import Doubt
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SMALL
 from marsedl.replication.claims.writing import (
@@ -108,6 +109,7 @@ def number_of_what_is_not_there(thing: Absent):
 @claim()
 def heaviest(landings: Landings, landings_large: Landings | None = None):
     landings = landings_large or landings
+    CALLS.append(landings)
     return measured(landings.final_mass.max(), trials=landings.final_mass.shape[1], mean=landings.mean)
 
 
@@ -132,15 +134,16 @@ def package(monkeypatch, *functions, name="toy_claims"):
     return name
 
 
-def printed(name, value=True, **others):
-    kind = "qualitative" if isinstance(value, bool) else "monte_carlo"
-    return PublishedClaim("toy", name, "Sec. 1", "something", value, "1", kind, **others)
+def printed(name, value=True, unit="1", kind="", **others):
+    kind = kind or ("qualitative" if isinstance(value, bool) else "monte_carlo")
+    place = {"paper": "toy", "id": name, "where": "Sec. 1", "quantity": "something"}
+    return PublishedClaim(**place, printed=value, unit=unit, kind=kind, **others)
 
 
 PUBLISHED = {
     "of_what_is_not_there": printed("of_what_is_not_there"),
     "number_of_what_is_not_there": printed("number_of_what_is_not_there", [1.0, 2.0]),
-    "stated": PublishedClaim("toy", "stated", "Sec. 1", "mass", 3.0, "kg", "input", input="vehicle.mass"),
+    "stated": printed("stated", 3.0, "kg", "input", input="vehicle.mass"),
 }
 
 
@@ -176,12 +179,14 @@ def test_readings_with_more_trials_are_evaluated_once_more_from_as_many_as_the_o
         },
     }
     readings = {name: Arguments(VALUES, lambda case, kind, of=of: of.get(case)) for name, of in records.items()}
-    evaluations, smaller = claims.of_readings(readings, {})
-    assert [of["heaviest"].trials for of in evaluations.values()] == [5, 10, 40]
-    assert smaller.keys() == {"many", "large"}
-    many = smaller["many"]["heaviest"]
+    CALLS.clear()
+    found = {name: of["heaviest"] for name, of in claims.of_readings(readings, {}).items()}
+    assert [evaluation.trials for evaluation in found.values()] == [5, 10, 40]
+    assert len(CALLS) == 5, "once in every reading, and once more in those with more trials"
+    assert found["few"].at_equal_trials is None
+    many, large = found["many"].at_equal_trials, found["large"].at_equal_trials
     assert (many.trials, many.value, many.numbers["mean"]) == (5, 14.0, 2.0), "what is stored of all stays"
-    assert (smaller["large"]["heaviest"].trials, smaller["large"]["heaviest"].value) == (5, 9.0)
+    assert (large.trials, large.value) == (5, 9.0)
 
 
 def test_the_largest_ensemble_is_taken_where_there_is_one(evaluations):
@@ -203,7 +208,7 @@ def test_a_claim_without_its_artifact_is_not_evaluated_but_may_do_without_an_opt
 def test_what_does_not_exist_fails_every_claim_about_it(evaluations):
     values = evaluations(flights=Ensemble(8))
     statement, number = values["of_what_is_not_there"], values["number_of_what_is_not_there"]
-    assert statement.value is False and statement.evidence == "no law" and statement.trials == 8
+    assert statement.value is False and statement.evidence == ("no law",) and statement.trials == 8
     assert np.isnan(number.value).all() and len(number.value) == 2 and number.failed
 
 
@@ -253,7 +258,8 @@ def test_a_statement_needs_all_of_its_tests_and_tells_them_in_order():
     mass = measure("mass", 2.0, "kg")
     statement = holds(mass > 1, mass < 3, "as flown", check("it converges", [True, True]), trials=7, share=0.5)
     assert statement.value is True and statement.trials == 7 and statement.numbers == {"share": 0.5}
-    assert statement.evidence == "mass: 2 kg (above 1 kg and below 3 kg); as flown; it converges: yes"
+    tests = "mass: 2 kg (above 1 kg)", "mass: 2 kg (below 3 kg)"
+    assert statement.evidence == (*tests, "as flown", "it converges: yes")
     assert holds(mass > 1, check("it converges", [True, False])).value is False
     assert holds((mass > 3) | (mass > 1)).value is True and holds((mass > 3) | (mass > 4)).value is False
 
@@ -262,21 +268,19 @@ def test_a_sampled_measure_is_decided_three_errors_from_its_limit():
     def evaluated(value, *others):
         return holds(measure("mean", value, "kg", error=0.1) > 1.0, *others, trials=1000)
 
-    assert (evaluated(1.31).value, evaluated(1.31).undetermined) == (True, "")
-    assert (evaluated(0.69).value, evaluated(0.69).undetermined) == (False, "")
+    assert (evaluated(1.31).value, evaluated(1.31).doubts) == (True, ())
+    assert (evaluated(0.69).value, evaluated(0.69).doubts) == (False, ())
     near = evaluated(1.1)
     assert near.value is True
-    assert near.undetermined == (
-        "'mean' lies within three standard errors of its limit; about 9,000 trials would settle it"
-    )
+    assert near.doubts == (Doubt(measure="mean", why="within three standard errors of its limit", trials=9000),)
     assert near.margin.distance == pytest.approx(1.0) and near.margin.scale == "standard errors"
     # What fails for certain decides, whatever is in doubt beside it.
     decided = evaluated(1.1, measure("mass", 5.0) < 3)
-    assert (decided.value, decided.undetermined) == (False, "")
+    assert (decided.value, decided.doubts) == (False, ())
     few = holds(measure("mean", [1.1, 0.9], error=np.nan) > 1.0, trials=1)
-    assert (few.undetermined, few.margin) == ("'mean' has no standard error with so few trials", None)
+    assert (few.doubts[0].why, few.margin) == ("no standard error with so few trials", None)
     # Of an array, one entry that fails for certain is enough.
-    assert holds(measure("mean", [0.5, 1.1], error=0.1) > 1.0).undetermined == ""
+    assert holds(measure("mean", [0.5, 1.1], error=0.1) > 1.0).doubts == ()
 
 
 @pytest.mark.parametrize(
@@ -306,9 +310,9 @@ def test_the_margin_is_that_of_the_test_that_decides():
 
 def test_what_goes_without_saying_is_told_only_where_it_is_not_met():
     mass = measure("mass", 2.0)
-    assert holds(mass > 1, provided("it converges", True)).evidence == "mass: 2 (above 1)"
+    assert holds(mass > 1, provided("it converges", True)).evidence == ("mass: 2 (above 1)",)
     statement = holds(mass > 1, provided("it converges", False))
-    assert statement.value is False and statement.evidence.endswith("; it converges: no")
+    assert statement.value is False and statement.evidence[-1] == "it converges: no"
 
 
 def test_what_could_not_fail_is_refused():
@@ -325,7 +329,7 @@ def test_what_could_not_fail_is_refused():
 @pytest.mark.parametrize("slug", SLUGS)
 def test_a_shared_measure_has_one_name_in_a_paper_so_that_it_is_computed_once(slug):
     claims = writing.claims_of(slug)
-    functions = {marked.function for marked in claims.claims.values()} | set(claims._providers.values())
+    functions = {marked.function for marked in claims.declarations.values()} | set(claims._providers.values())
     names = {(kind, name) for function in functions for name, kind, _ in injection._parameters(function)}
     named = {kind: sorted(name for other, name in names if other is kind) for kind in claims._providers}
     assert {kind.__name__: several for kind, several in named.items() if len(several) > 1} == {}

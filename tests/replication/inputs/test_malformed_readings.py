@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs.readings import SETTINGS, load_studies, read_own_file
+from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.inputs.sections import KNOWN_SUFFIXES
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+ROOT = Path(__file__).parents[3]
 MODELS = {slug: input_model(slug) for slug in SLUGS}
 INPUTS = [(slug, *name.split(".")) for slug, model in MODELS.items() for name in model.names()]
 SOURCE = "assumed: test"
@@ -24,7 +24,7 @@ def refusal(path, slug, section, body) -> str:
     path.write_text(yaml.safe_dump({slug: {"readings": {"mine": reading}}}), encoding="utf-8")
     models = {slug: MODELS[slug]}
     with pytest.raises(InputError) as caught:
-        load_studies(models, CONFIGS, read_own_file(path, (*SLUGS, *SETTINGS)), [path])
+        load_studies(models, ROOT, config_files=[path])
     message = str(caught.value)
     assert message.startswith(f"{path}:")
     assert "readings.mine" in message

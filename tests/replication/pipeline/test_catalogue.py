@@ -49,7 +49,7 @@ def test_stages_products_and_functions_belong_together(slug):
         assert get_type_hints(last)["return"].__name__ in vars(import_module(last.__module__))
         assert set(stage.inputs) <= set(model.names())
         assert stage.meaning
-        assert set(stage.claimed_in) <= set(load_study(slug, model, ROOT / "configs" / f"{slug}.yaml").readings)
+        assert set(stage.claimed_in) <= set(load_study(slug, model, ROOT).readings)
     for stem in (*paper.figures, *paper.tables):
         assert paper.product(stem).caption
         assert set(paper.product(stem).inputs) <= set(model.names())

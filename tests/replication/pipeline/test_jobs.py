@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -32,25 +31,28 @@ class Thing:
     value: np.ndarray = fields.quantity("m", (2,), "two numbers")
 
 
-class Named(dict):
-    """Stands for Snakemake's named lists: items by name, by position and as attributes."""
+class Named(list):
+    """Stands for Snakemake's named lists: items by name, and all of them in a row."""
 
-    def __getattr__(self, name):
-        return self[name]
+    def __init__(self, **items):
+        super().__init__(one for item in items.values() for one in (item if isinstance(item, list) else [item]))
+        vars(self).update(items)
 
-    def __getitem__(self, key):
-        return list(self.values())[key] if isinstance(key, int) else super().__getitem__(key)
+    def keys(self):
+        return vars(self).keys()
+
+    def items(self):
+        return vars(self).items()
 
 
-def job_of(tmp_path, *, libraries=LIBRARIES, **build):
-    made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries}
+def job_of(tmp_path, *, libraries=LIBRARIES, files=(), **made):
+    made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries, **made}
     return SimpleNamespace(
-        params=Named({"paper": "p", "made": made, "build": {"size": "smoke", "artifacts": {}, **build}}),
-        input=Named(),
+        params=Named(made=made),
+        input=Named(needs=[*files]),
         output=Named(out=str(tmp_path / "out.h5")),
-        wildcards=Named(reading="r"),
-        log=Named(log=str(tmp_path / "logs" / "job.log")),
-        rule="p_stage",
+        wildcards=Named(paper="p", reading="r"),
+        log=Named(log=str(tmp_path / "logs" / "gains.log")),
         scriptdir=str(Path.cwd() / "workflow" / "rules" / ".." / "scripts"),  # as Snakemake has it
     )
 
@@ -62,18 +64,10 @@ def pinned(monkeypatch, tmp_path):
         monkeypatch.setenv(name, value)
 
 
-def save_thing(path, reading="r", value=(1.0, 2.0)):
+def save_thing(name, reading="r", value=(1.0, 2.0)):
+    path = f"data/cache/p/r/{name}.h5"
     store.save(path, Thing(np.array(value)), paper="p", reading=reading, provenance={})
-    return str(path)
-
-
-def made_artifact(folder, name, inputs, *needs, **changes):
-    """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
-    snakemake = job_of(folder, artifacts=dict(needs))
-    digests = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
-    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, "needs": digests, **changes}
-    jobs.Job(snakemake).save(str(folder / name), Thing(np.array([1.0, 2.0])), recipe)
-    return str(folder / name), ("p", "r", recipe)
+    return path
 
 
 # -------------------------------------------------------------------------------------------------------- environment
@@ -108,13 +102,6 @@ def test_a_processor_without_avx2_is_refused_before_anything_runs(monkeypatch, t
         numerics.pin_numerics(tmp_path)
 
 
-def test_settings_of_numba_in_the_folder_are_refused(monkeypatch, tmp_path):
-    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(MarsedlError, match=r"/\.numba_config\.yaml: numba would read it in every job; move it away"):
-        numerics.pin_numerics(tmp_path)
-
-
 # ------------------------------------------------------------------------------------------------- inputs and artifacts
 
 
@@ -136,25 +123,28 @@ def test_a_section_has_the_inputs_that_were_given_and_no_others():
         _ = section.speed
 
 
-def artifacts_of(*paths):
-    """Params of a job that is given these files."""
-    return {str(path): ("p", "r", {}) for path in paths}
+@pytest.fixture
+def build(tmp_path, monkeypatch):
+    """The folder that is built in, whose files have the paths of artifacts."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-def test_arguments_are_loaded_by_annotation(tmp_path):
-    def stage(one: Thing, chunks: list[Thing], maybe: Thing | None = None):
+def test_arguments_are_loaded_by_annotation(build):
+    def stage(one: Thing, calm: Thing, chunks: list[Thing], maybe: Thing | None = None):
         """Only its annotations are read."""
 
-    files = [save_thing(tmp_path / "one.h5"), *(save_thing(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
-    snakemake = job_of(tmp_path, artifacts=artifacts_of(*files))
-    snakemake.input = Named(one=files[0], chunks=files[1:])
+    snakemake = job_of(build)
+    chunks = [save_thing(f"chunks/calm.{k}of3", value=(k, k)) for k in range(3)]
+    snakemake.input = Named(needs=[save_thing("one"), save_thing("montecarlo.calm", value=(9, 9))], chunks=chunks)
     loaded = jobs.Job(snakemake).given().of(stage)
-    assert set(loaded) == {"one", "chunks"}
+    assert set(loaded) == {"one", "calm", "chunks"}
     np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])
+    assert loaded["calm"].value[0] == 9.0
     assert [thing.value[0] for thing in loaded["chunks"]] == [0.0, 1.0, 2.0]
 
 
-def test_many_artifacts_come_as_one_dataclass(tmp_path):
+def test_many_artifacts_come_as_one_dataclass(build):
     @dataclass(frozen=True)
     class Records(Artifacts):
         one: Thing
@@ -165,58 +155,33 @@ def test_many_artifacts_come_as_one_dataclass(tmp_path):
 
     evaluate.__annotations__["records"] = Records
     Records.__annotations__.update(one=Thing, maybe=Thing | None)
-    path = save_thing(tmp_path / "one.h5")
-    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
-    snakemake.input = Named(one=path)
-    records = jobs.Job(snakemake).given().of(evaluate)["records"]
+    records = jobs.Job(job_of(build, files=[save_thing("one")])).given().of(evaluate)["records"]
     np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
     assert records.maybe is None
 
 
-def test_an_artifact_of_another_reading_is_refused(tmp_path):
+def test_an_artifact_of_another_reading_is_refused(build):
     def stage(one: Thing):
         """Only its annotations are read."""
 
-    path = save_thing(tmp_path / "one.h5", reading="other")
-    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
-    snakemake.input = Named(one=path)
     with pytest.raises(store.ArtifactError, match=r"one\.h5.*other"):
-        jobs.Job(snakemake).given().of(stage)
+        jobs.Job(job_of(build, files=[save_thing("one", reading="other")])).given().of(stage)
 
 
-# ------------------------------------------------------------------------------------ artifacts that were copied here
-
-ELSEWHERE = {
-    "inputs": ({"inputs": {"a": 2.0, "b": [1.0]}}, "a is 2.0, not 1.0; b is [1.0], not None"),
-    "code": ({"code": "xyz"}, "other code"),
-    "libraries": ({"libraries": "numpy 2.0, scipy 1.16.0"}, "'numpy 2.0, scipy 1.16.0' among the libraries"),
-    "options": ({"options": {"trials": 200}}, "trials is 200, not None"),
-    "what it was made from": ({"needs": {"first.h5": "abc"}}, "another first.h5"),
-}
+def doubled(one: Thing) -> Thing:
+    """A stage."""
+    return Thing(2.0 * one.value)
 
 
-@pytest.mark.parametrize("case", ELSEWHERE)
-def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinned, capsys, case):
-    """As `cp -p` puts it in place: whole, and older than what Snakemake knows of."""
-    different, reason = ELSEWHERE[case]
-    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0}, needs={"first.h5": "xyz"})
-    elsewhere = {"inputs": {"a": 1.0}, "needs": {"first.h5": "xyz"}, **different}
-    there, _ = made_artifact(tmp_path / "there", "one.h5", **elsewhere)
-    shutil.copy2(there, here)
-    snakemake = job_of(tmp_path, artifacts={here: planned})
-    with pytest.raises(SystemExit), jobs.guarded(snakemake):
-        pytest.fail("the job must not begin")
-    assert (
-        f"job p_stage: {here}: comes from another build, of size 'smoke': {reason}: delete it and run snakemake again"
-    ) in capsys.readouterr().err
-
-
-def test_saving_keeps_where_a_result_comes_from(tmp_path):
-    one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
-    two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
-    provenance = store.provenance(two)
+def test_a_stage_is_saved_with_what_it_was_made_from(build):
+    recipe = {"inputs": {"a": 2.0}, "options": {}, "code": "abc", "libraries": LIBRARIES, "needs": {"one.h5": "xyz"}}
+    stage = {"entries": (f"{__name__}:doubled",), "recipes": [recipe], "size": "smoke"}
+    snakemake = job_of(build, files=[save_thing("one")], **stage)
+    jobs.Job(snakemake).run()
+    np.testing.assert_array_equal(store.load(snakemake.output[0], Thing).value, [2.0, 4.0])
+    provenance = store.provenance(snakemake.output[0])
     assert {name: provenance[name] for name in recipe} == recipe
-    assert provenance["made_from"].keys() == {"one.h5"}
+    assert provenance["made_from"] == ["one.h5"]
     assert (provenance["recipe"], provenance["size"]) == (recipe_digest(recipe), "smoke")
 
 
@@ -226,7 +191,7 @@ def test_a_job_records_what_its_products_were_made_from_if_it_comes_to_its_end(t
     with jobs.guarded(snakemake) as job:
         assert (job.paper, job.reading) == ("p", "r")
     assert record.read_text(encoding="ascii") == "abc\n"
-    assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
+    assert (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8") == ""
     with pytest.raises(SystemExit), jobs.guarded(snakemake):
         raise MarsedlError("no")
     assert not record.exists()
@@ -241,21 +206,21 @@ def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys
         raise MarsedlError("the iteration does not converge: raise its limit")
     assert caught.value.code == 1
     message = capsys.readouterr().err
-    assert "paper p, reading r, job p_stage: the iteration does not converge: raise its limit" in message
-    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in message
+    assert "paper p, reading r, job gains: the iteration does not converge: raise its limit" in message
+    assert f"(log: {tmp_path / 'logs' / 'gains.log'})" in message
     assert "Traceback" not in message
-    assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
+    assert "Traceback" in (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("kept", [True, False])
 def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys, kept):
-    iterate_file, iterate = tmp_path / "logs" / "job.iterate.csv", {"time": [0.0, 0.5], "bank": [1 / 3, np.nan]}
+    iterate_file, iterate = tmp_path / "logs" / "gains.iterate.csv", {"time": [0.0, 0.5], "bank": [1 / 3, np.nan]}
     if not kept:
         iterate_file.mkdir(parents=True)
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
         raise SolverError("nominal: off by 3 m", iterate)
     message = capsys.readouterr().err
-    assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in message
+    assert "paper p, reading r, job gains: nominal: off by 3 m (its last iterate" in message
     if kept:
         assert f"(its last iterate: {iterate_file})" in message
         stored = np.loadtxt(iterate_file, delimiter=",", skiprows=1)
@@ -269,7 +234,7 @@ def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
         raise ZeroDivisionError("by zero")
     message = capsys.readouterr().err
     assert "Traceback" in message
-    assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in message
+    assert "paper p, reading r, job gains: ZeroDivisionError: by zero" in message
 
 
 @pytest.mark.parametrize(
@@ -281,11 +246,11 @@ def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
     ],
 )
 def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned, capsys, number, remedy):
-    for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, "out")):
+    for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, tmp_path / "out.h5")):
         with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
             raise OSError(number, os.strerror(number), path and str(path))
         message = capsys.readouterr().err
-        assert f"paper p, reading r, job p_stage: {named}: cannot be written or read " in message
+        assert f"paper p, reading r, job gains: {named}: cannot be written or read " in message
         assert remedy in message
         assert "Traceback" not in message
 

@@ -29,8 +29,7 @@ def outer(x):
     return inner(x) * 2.0
 
 
-while time.time() < float(sys.argv[1]):
-    pass
+time.sleep(max(0.0, float(sys.argv[1]) - time.time()))
 print(outer(1.0), sum(outer.stats.cache_misses.values()))
 """
 COMPILED, LOADED = ["4.0", "1"], ["4.0", "0"]
@@ -53,10 +52,8 @@ class Project:
         """Start the kernels as a job does, which waits for a time of the clock."""
         code = (
             before
-            + "import os, runpy, sys; from pathlib import Path; from marsedl.replication.pipeline import kernel_cache\n"
-        )
-        code += (
-            f"os.environ['NUMBA_CACHE_DIR'] = str(kernel_cache.cache_folder(Path({str(self.folder)!r}), 'source'))\n"
+            + "import os, runpy; from marsedl.replication.pipeline import kernel_cache\n"
+            + f"os.environ['NUMBA_CACHE_DIR'] = {str(self.folder / 'cache')!r}\n"
         )
         code += "os.environ['NUMBA_CACHE_LOCATOR_CLASSES'] = kernel_cache.LOCATOR\n"
         code += f"runpy.run_path({str(self.program)!r})\n"
@@ -113,16 +110,16 @@ def test_vectors_of_512_bits_are_asked_for_where_the_processor_has_them(monkeypa
     assert kernel_cache.vector_features() == ("+avx2,+avx512f,-prefer-256-bit" if wide else "")
 
 
-@pytest.mark.parametrize("code", ["ENOSYS", "ENOLCK", "EOPNOTSUPP"])
-def test_on_a_file_system_without_locks_kernels_are_compiled_without_turns(tmp_path, code):
+def test_on_a_file_system_without_locks_kernels_are_compiled_without_turns(tmp_path):
     project = Project(tmp_path / "project")
-    before = f"import errno, fcntl\ndef flock(*_):\n    raise OSError(errno.{code}, 'no')\nfcntl.flock = flock\n"
+    before = "import errno, fcntl\ndef flock(*_):\n    raise OSError(errno.ENOLCK, 'no')\nfcntl.flock = flock\n"
     printed, errors = project.run(before)
     assert printed == COMPILED
-    (folder,) = (project.folder / ".cache" / "numba").iterdir()
-    assert errors == f"{folder}: no file locks here, so several jobs may compile the same kernel\n{ANNOUNCED}"
-    if code == "ENOSYS":
-        assert project.run(before)[0] == LOADED
+    assert (
+        errors
+        == f"{project.folder / 'cache'}: no file locks here, so several jobs may compile the same kernel\n{ANNOUNCED}"
+    )
+    assert project.run(before)[0] == LOADED
 
 
 # ---------------------------------------------------------------------------------------------- what the folder is of

@@ -71,7 +71,7 @@ class Claims:
     """Measure what a paper's claims would."""
 
     @staticmethod
-    def evaluate(given, published):
+    def evaluate(given, published, lacking):
         values = given.values
         gains, windy, calm = (
             given.artifact(n, t) for n, t in (("gains", Gains), ("windy", Flights), ("calm", Flights))

@@ -54,7 +54,7 @@ def shared(chunks=None, **changes):
     for name in ("printed", "corrected", "light", "mine"):
         values = {"vehicle.mass": 2.0, "vehicle.speed": 3.0, "ensemble.trials": 4, "ensemble.more_trials": 0}
         values |= {key.replace("__", "."): value for key, value in changes.get(name, {}).items()}
-        readings[name] = Reading(name, "", None, "", ToyInputs.from_plain(values), values, {})
+        readings[name] = Reading(name, "", None, "", ToyInputs.from_plain(values), {})
     return Shared(PAPER, Study("toy", readings, chunks or {"calm": 1, "windy": 1}, ("printed", "corrected")))
 
 

@@ -19,9 +19,7 @@ RULES = ["all", "claims", "verify", *SLUGS]
 def asked():
     """A function that checks the words of a command."""
     papers = {slug: catalogue(slug) for slug in SLUGS}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(ROOT)
-        studies = load_studies({slug: input_model(slug) for slug in SLUGS}, Path("configs"), {})
+    studies = load_studies({slug: input_model(slug) for slug in SLUGS}, ROOT)
     recipes = Recipes(ROOT, papers, studies, comparisons())
     return lambda *words: check_targets(list(words), RULES, recipes)
 
@@ -54,6 +52,10 @@ def test_what_is_made_or_is_not_ours_may_be_asked_for(asked, words):
         ("data/cache/powered_descent/corrected/nominl.h5", "corrected/nominal.h5'?"),
         ("data/cache/powered_descent/printed/montecarlo.closed_loop_large.h5", "did you mean"),  # it flies no trials
         ("figures/qqq/qqqqqqqqq.png", "'marsedl list' shows what there is"),
+        (
+            "data/cache/funnels/euler/nominal.h5",
+            "the reading shares data/cache/funnels/corrected/nominal.h5",
+        ),
     ],
 )
 def test_what_nothing_makes_is_refused_with_the_nearest(asked, word, message):

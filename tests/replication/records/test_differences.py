@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from marsedl.replication.errors import ArtifactError, InputError
-from marsedl.replication.records.differences import difference, digest, digest_tree, format_difference
+from marsedl.replication.records.differences import difference, digest, digest_tree
 from marsedl.replication.records.fields import quantity
 from marsedl.replication.records.store import save, seal
 
@@ -158,11 +158,8 @@ def test_difference_of_numbers_says_how_much_and_where(tmp_path):
     base = nominal()
     mean = with_value(with_value(base.mean, (4, 1), base.mean[4, 1] + 0.5), (0, 0), 0.75)
     a, b = put(tmp_path / "a.h5", base), put(tmp_path / "b.h5", replace(base, mean=mean))
-    (row,) = difference(a, b)
-    assert (row.field, row.what, row.place) == ("/mean", "2 of 12 values differ", "[4, 1]")
-    assert row.absolute == pytest.approx(0.5)
-    assert row.relative == pytest.approx(0.25)  # of the first value, 1.0 and 0.75
-    assert "/mean: 2 of 12 values differ, at most 0.5 (relative 0.25), at [4, 1]" in format_difference([row])
+    # The relative one is that of the first value, 1.0 and 0.75.
+    assert difference(a, b) == [f"{a}: /mean: 2 of 12 values differ, at most 0.5 (relative 0.25), at [4, 1]"]
 
 
 def test_difference_of_all_kinds(tmp_path):
@@ -175,65 +172,68 @@ def test_difference_of_all_kinds(tmp_path):
         good=False,
     )
     a, b = put(tmp_path / "a.h5", base), put(tmp_path / "b.h5", other, reading="printed")
-    rows = {row.field: row for row in difference(a, b)}
-    assert set(rows) == {"/outcome", "/gap", "/names", "/good", "@reading"}
-    assert (rows["/outcome"].absolute, rows["/outcome"].place) == (5, "[2]")
-    assert (rows["/gap"].absolute, rows["/gap"].place) == (float("inf"), "[1]")
-    assert rows["/names"].what == "1 of 2 values differ, 'bb' and 'cc'"
-    assert rows["/good"].what == "1 of 1 values differ, True and False"
-    assert "'corrected' and 'printed'" in rows["@reading"].what
+    assert difference(a, b) == [
+        f"{a}: /gap: 1 of 6 values differ, at most inf (relative inf), at [1]",
+        f"{a}: /good: 1 of 1 values differ, True and False",
+        f"{a}: /names: 1 of 2 values differ, 'bb' and 'cc', at [1]",
+        f"{a}: /outcome: 1 of 6 values differ, at most 5 (relative 1), at [2]",
+        f"{a}: @reading: 1 of 1 values differ, 'corrected' and 'printed'",
+    ]
 
 
 def test_difference_of_shapes_types_and_missing_fields(tmp_path):
-    with hdf5(tmp_path / "a.h5", "w") as file:
-        file["x"], file["y"], file["z"] = np.zeros(3), np.zeros(3), 1.0
-    with hdf5(tmp_path / "b.h5", "w") as file:
-        file["x"], file["y"], file["w"] = np.zeros(4), np.zeros(3, "f4"), 1.0
-    text = format_difference(difference(tmp_path / "a.h5", tmp_path / "b.h5"))
-    assert "/x: shape (3,) and (4,)" in text
-    assert "/y: type <f8 and <f4" in text
-    assert f"/z: only in {tmp_path / 'a.h5'}" in text
-    assert f"/w: only in {tmp_path / 'b.h5'}" in text
+    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
+    with hdf5(a, "w") as file:
+        file["x"], file["y"], file["z"], file["zero"] = np.zeros(3), np.zeros(3), 1.0, 0.0
+    with hdf5(b, "w") as file:
+        file["x"], file["y"], file["w"], file["zero"] = np.zeros(4), np.zeros(3, "f4"), 1.0, -0.0
+    assert difference(a, b) == [
+        f"{a}: /w: only in {b}",
+        f"{a}: /x: shape (3,) and (4,)",
+        f"{a}: /y: type <f8 and <f4",
+        f"{a}: /z: only in {a}",
+        f"{a}: /zero: signs of zeros differ",
+    ]
 
 
 def test_difference_of_json(tmp_path):
     a = [{"id": "x", "value": 1.0, "verdict": "reproduced"}, {"id": "y", "value": 2.0, "verdict": "close"}]
     b = [{"id": "x", "value": 1.5, "verdict": "reproduced"}, {"id": "y", "value": 4.0, "verdict": "differs"}, 3]
-    (tmp_path / "a.json").write_text(json.dumps(a))
-    (tmp_path / "b.json").write_text(json.dumps(b))
-    rows = {row.field: row for row in difference(tmp_path / "a.json", tmp_path / "b.json")}
-    assert set(rows) == {"[].value", "[].verdict", "[]"}
-    assert (rows["[].value"].absolute, rows["[].value"].place) == (2.0, "[1].value")
-    assert rows["[].value"].relative == 0.5
-    assert rows["[].verdict"].what == "'close' and 'differs'"
-    assert rows["[]"].what == "only in the second: 3"
-    (tmp_path / "c.json").write_text(json.dumps(a, indent=1))
-    (row,) = difference(tmp_path / "a.json", tmp_path / "c.json")
-    assert row.what == "same content, written differently"
-    (tmp_path / "d.json").write_text("{")
-    (row,) = difference(tmp_path / "a.json", tmp_path / "d.json")
-    assert "not readable as json" in row.what
+    paths = [tmp_path / f"{name}.json" for name in "abcd"]
+    for path, text in zip(paths, (json.dumps(a), json.dumps(b), json.dumps(a, indent=1), "{"), strict=True):
+        path.write_text(text)
+    assert difference(*paths[:2]) == [
+        f"{paths[0]}: [].value: 2 of 2 values differ, at most 2 (relative 0.5), at [1].value",
+        f"{paths[0]}: [].verdict: 1 of 2 values differ, 'close' and 'differs', at [1].verdict",
+        f"{paths[0]}: []: 1 of 1 values differ, nothing and 3, at [2]",
+    ]
+    assert difference(paths[0], paths[2]) == [f"{paths[0]}: same content, written differently"]
+    assert "not readable as json" in difference(paths[0], paths[3])[0]
 
 
 def test_difference_of_csv(tmp_path):
-    (tmp_path / "a.csv").write_text("case,mass,note\nA,1.0,x\nB,2.0,y\n")
-    (tmp_path / "b.csv").write_text("case,mass,note\nA,1.1,x\nB,2.4,z\n")
-    rows = {row.field: row for row in difference(tmp_path / "a.csv", tmp_path / "b.csv")}
-    assert set(rows) == {"mass", "note"}
-    assert rows["mass"].absolute == pytest.approx(0.4)
-    assert (rows["mass"].what, rows["mass"].place) == ("2 numbers differ", "line 3, mass")
-    assert (rows["note"].what, rows["note"].place) == ("'y' and 'z'", "line 3, note")
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    a.write_text("case,mass,note\nA,1.0,x\nB,2.0,y\n")
+    b.write_text("case,mass,note\nA,1.125,x\nB,2.5,z\nC,,\n")
+    assert difference(a, b) == [
+        f"{a}: case: 1 of 3 values differ, nothing and 'C', at line 4",
+        f"{a}: mass: 2 of 2 values differ, at most 0.5 (relative 0.2), at line 3",
+        f"{a}: note: 2 of 3 values differ, 'y' and 'z', at line 3",
+        f"{a}: mass: 1 of 1 values differ, nothing and '', at line 4",
+    ]
 
 
 def test_difference_of_folders(tmp_path):
-    for side in ("a", "b"):
-        put(tmp_path / side / "deep/same.h5", nominal())
-        (tmp_path / side / "fig.png").write_bytes(side.encode())
-        (tmp_path / side / f"only_{side}.txt").write_text("")
-    rows = difference(tmp_path / "a", tmp_path / "b")
-    assert [row.file for row in rows] == ["fig.png", "only_a.txt", "only_b.txt"]
-    assert rows[0].what == "bytes differ (1 and 1 bytes)"
-    assert rows[1].what == f"only in {tmp_path / 'a'}"
-    assert rows[2].what == f"only in {tmp_path / 'b'}"
-    assert difference(tmp_path / "a", tmp_path / "a") == []
-    assert format_difference([]) == "no difference"
+    a, b = tmp_path / "a", tmp_path / "b"
+    for side in (a, b):
+        put(side / "deep/same.h5", nominal())
+        (side / "fig.png").write_bytes(side.name.encode())
+        (side / f"only_{side.name}.txt").write_text("")
+    assert difference(a, b) == [
+        "fig.png: bytes differ (1 and 1 bytes)",
+        f"only_a.txt: only in {a}",
+        f"only_b.txt: only in {b}",
+    ]
+    assert difference(a, a) == []
+    with pytest.raises(InputError, match="a: is a folder: name two files or two folders"):
+        difference(a, b / "fig.png")

@@ -135,7 +135,7 @@ def test_cells_that_do_not_fit_the_columns_are_refused(data, columns, says):
 
 def test_a_table_is_extended_and_its_columns_stay_described():
     data = table(ROWS, COLUMNS)
-    longer = table(data.assign(half=data["mass (kg)"] / 2), {"half": Column("kg", ".1f")})
+    longer = table({**data, "half": data["mass (kg)"] / 2}, {**described(data), "half": Column("kg", ".1f")})
     assert list(longer) == [*data, "half (kg)"]
     assert described(longer)["mass (kg)"] == described(data)["mass (kg)"]
     part = data[data["held"]]
@@ -173,7 +173,7 @@ def test_components_of_different_units_are_columns_and_others_are_numbered_or_na
         ({"eror": ".1f"}, "Study has no field 'eror'; did you mean 'error'"),
         ({"covariance": ".1f"}, "'covariance' is in mixed units"),
         ({"runs": Column("km")}, "'runs' is in 1, which is not converted to km"),
-        ({"runs": Column(label="error"), "error": ""}, "two columns have the label 'error'"),
+        ({"runs": Column(label="error"), "error": ""}, "two columns have the same head: .*error, error"),
     ],
 )
 def test_fields_that_cannot_be_a_column_are_refused(fields, says):
@@ -221,11 +221,3 @@ def test_claims_are_a_long_table():
     ]
     assert rows[8][4:7] == (math.inf, None, math.inf)
     assert [row[4:7] for row in rows[9:]] == [(None, None, 5.0), (1.0, None, 5.0)]
-
-
-def test_a_pandas_that_misreads_numbers_is_told_from_a_table_of_mixed_types(monkeypatch):
-    read, data = pd.read_csv, table({"mass": [0.1, 0.2]}, {"mass": Column("kg")})
-    monkeypatch.setattr(pd, "read_csv", lambda text: read(text).map(lambda x: np.nextafter(x, 1.0)))
-    monkeypatch.setattr(pd, "__version__", "3.0.0")
-    with pytest.raises(ValueError, match=r"'mass \(kg\)' has other numbers when pandas 3.0.0 .* install pandas>=3.1"):
-        csv_text(data)

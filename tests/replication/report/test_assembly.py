@@ -9,10 +9,10 @@ import pytest
 
 from marsedl.papers import catalogue
 from marsedl.replication.errors import ArtifactError
-from marsedl.replication.pipeline.catalogue import Stage
+from marsedl.replication.pipeline.catalogue import Solve, Stage
 from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantity
-from marsedl.replication.report import assembly, closeups, pages
+from marsedl.replication.report import assembly, closeups
 
 
 @dataclass(frozen=True)
@@ -33,36 +33,21 @@ def saved(path, status, iterations, residual=1e-9, converged=(True, True), made_
     return str(path)
 
 
-def test_solver_rows_count_how_all_solves_ended_and_name_the_readings_of_the_others(tmp_path):
+def test_how_all_solves_ended_is_counted_with_the_readings_of_each(tmp_path):
     paths = {
         "printed": {"gains": saved(tmp_path / "printed" / "gains.h5", ["optimal", "stopped"], [3, 1000])},
         "corrected": {
             "gains": saved(tmp_path / "corrected" / "gains.h5", ["optimal", ""], [7, 0], 2e-6, (True, False)),
         },
     }
-    header, search, program = sorted(
-        assembly.solver_rows(paths), key=lambda row: (row[0] != "stage", row[1] != "search")
-    )
-    assert header[0] == "stage"
-    assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
-    outcomes = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
-    assert program == ["gains", "gains", outcomes, "4", "0 to 1,000", "2.0e-06"]
-
-
-@pytest.mark.parametrize(
-    ("where", "stems"),
-    [
-        ("Sec. V, discussion of Fig. 3", {"fig03"}),
-        ("Sec. V.B, discussion of Figs. 11 and 12", {"fig11", "fig12"}),
-        ("Sec. V.B.4, discussion of Fig. 12; Fig. 12c", {"fig12"}),
-        ("Figs. 1, 3 and 6a; Table 7", {"fig01", "fig03", "fig06a"}),
-        ("Sec. 4.1, discussion of Fig. 6", {"fig06a", "fig06b"}),
-        ("Table 3; Eq. 12, Sec. 11", set()),
-    ],
-)
-def test_a_claim_is_about_the_figures_that_its_place_names(where, stems):
-    names = ("fig01", "fig03", "fig06a", "fig06b", "fig11", "fig12", "reversals")
-    assert {stem for stem in names if pages.is_about(where, stem)} == stems
+    search = assembly.solved(Solve("gains", "search_converged", what="search"), paths)
+    endings = {"converged": ["printed", "printed", "corrected"], "not converged": ["corrected"]}
+    assert search == assembly.Solved("gains", "search", endings, [], [])
+    program = assembly.solved(Solve("gains", "status", "solver_iterations", "worst_residual"), paths)
+    endings = {"optimal": ["printed", "corrected"], "stopped": ["printed"], "not solved": ["corrected"]}
+    assert program == assembly.Solved("gains", "gains", endings, [3, 1000, 7, 0], [1e-9, 2e-6])
+    assert list(program.endings) == list(endings)
+    assert assembly.solved(Solve("path", "status"), paths) is None
 
 
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
@@ -75,7 +60,7 @@ def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
         "gains": Stage((), (), (), "gains"),
         "montecarlo": Stage((), (), ("gains", "nominal"), "flights"),
     }
-    _, gains, nominal = assembly.provenance_rows({"gains": path, "nominal": bare}, stages, "9")
+    gains, nominal = assembly.provenance({"gains": path, "nominal": bare}, stages, {})
     assert gains == ["gains", "A program and a search.", "a, b", "7", "abc def"]
     assert nominal == ["nominal", "A program and a search.", "inputs alone", "–", "abc def"]
 
@@ -86,23 +71,25 @@ def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
     for chunks in (1, 3):
         made_from = [f"case.{k}of{chunks}.h5" for k in range(chunks)]
         path = saved(tmp_path / str(chunks) / "case.h5", ["optimal"], [3], made_from=made_from)
-        rows.append(assembly.provenance_rows({"case": path}, stages, "9"))
+        rows.append(assembly.provenance({"case": path}, stages, {"ensemble.seed": "9"}))
     assert rows[0] == rows[1]
-    assert rows[0][1] == ["case", "A program and a search.", "gains", "9", "–"]
+    assert rows[0] == [["case", "A program and a search.", "gains", "9", "–"]]
 
 
 def test_a_damaged_artifact_is_named(tmp_path):
     path = tmp_path / "gains.h5"
     path.write_bytes(b"\x89HDF")
     with pytest.raises(ArtifactError, match=r"gains\.h5"):
-        assembly.solver_rows({"corrected": {"gains": str(path)}})
+        assembly.solved(Solve("gains", "status"), {"corrected": {"gains": str(path)}})
 
 
-def test_run_times_are_those_of_the_papers_asked_for():
-    table = [["paper", "quantity", "value"], ["a", "speed", "1"], ["all", "build", "2"], ["a", "memory", "3"]]
-    assert assembly.run_times(table, ["a"]) == [["quantity", "value"], ["speed", "1"], ["memory", "3"]]
-    assert assembly.run_times(table, ["b"]) == []
-    assert assembly.run_times([], ["a"]) == []
+def test_run_times_are_those_of_the_paper_asked_for(tmp_path):
+    path = tmp_path / "benchmarks.csv"
+    assert assembly.run_times(path, "a") == []
+    path.write_text("paper,quantity,value,note\na,speed,1,\nall,build,2,once\na,memory,3,\n")
+    assert assembly.run_times(path, "a") == [["quantity", "value"], ["speed", "1"], ["memory", "3"]]
+    assert assembly.run_times(path, "all") == [["quantity", "value", "note"], ["build", "2", "once"]]
+    assert assembly.run_times(path, "b") == []
 
 
 @pytest.mark.parametrize(

@@ -17,20 +17,22 @@ from PIL import Image
 
 import marsedl.replication.report.pages
 from marsedl.plotting import style
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED, Claim, Result, Tolerance
 from marsedl.replication.claims.printed import PublishedClaim, load_published
-from marsedl.replication.claims.verdicts import Close, Declaration, Evaluation, collect
+from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
-from marsedl.replication.report.assembly import PaperReport
+from marsedl.replication.report.assembly import PaperReport, Solved
 from marsedl.replication.report.closeups import CloseUp
-from marsedl.replication.report.pages import build_site, site_files
+from marsedl.replication.report.one_line import Causes
+from marsedl.replication.report.pages import _templates, build_site, site_files
 from marsedl.replication.report.pictures import picture
 from marsedl.replication.report.readings_compared import Input, Reading
 
 PUBLISHED = Path(__file__).parents[3] / "data" / "published" / "powered_descent.yaml"
 SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
 TEMPLATES = Path(marsedl.replication.report.pages.__file__).parent / "templates"
+CLOSE = {"close": {"reason": "", "relative": 0.02, "absolute": None}}
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
 
@@ -77,14 +79,12 @@ def drawn(folder, slug, figures=(), tables=()):
 
 def example(folder, hostile="plain"):
     """Return a realistic report of two papers from made-up numbers; their figures are drawn into the folder."""
-    places = {"mc_final_mean": "Sec. V, discussion of Fig. 2"}
-    published = [replace(one, plain="", where=places.get(one.id, one.where)) for one in load_published(PUBLISHED)]
-    first = published[0]
-    published[1] = replace(published[1], plain=f"It is so {hostile}")
-    published += [
-        replace(first, id="isp", kind="input", quantity="specific impulse", printed=210, resolution=1, unit="s"),
-        replace(first, id="ellipse", kind="context", quantity="landing ellipse of Pathfinder", printed=[200, 100]),
-    ]
+    published = load_published(PUBLISHED)
+    changes = {published[1].id: {"plain": f"It is so {hostile}"}}
+    isp = {"id": "isp", "kind": "input", "quantity": "specific impulse", "printed": 210, "resolution": 1, "unit": "s"}
+    ellipse = {"id": "ellipse", "kind": "context", "quantity": "landing ellipse of Pathfinder", "printed": [200, 100]}
+    further = [published[0].model_copy(update=of | {"plain": ""}) for of in (isp, ellipse)]
+    published = [one.model_copy(update={"plain": "", **changes.get(one.id, {})}) for one in published] + further
     shifts = {"corrected": 0.5, "printed": 9.0, "target4": 0.2, "plus_sign": 4.0, "newton_noise": 2.5}
     evaluations = {name: {c.id: evaluate(c, shift) for c in published} for name, shift in shifts.items()}
     evaluations["corrected"]["prior_final_mass"] = Evaluation(1349.4446, numbers={"prior": 1349.4446})
@@ -97,14 +97,14 @@ def example(folder, hostile="plain"):
     )
     evaluations["newton_noise"]["alg1_meets_boundary_conditions"] = None
     declared = {
-        "alpha_from_isp": Declaration(close=Close("the paper does not state its gravity.", relative=0.02)),
+        "alpha_from_isp": Declaration(close=Tolerance(reason="the paper does not state its gravity.", relative=0.02)),
         "prior_final_mass": Declaration(
             "The converged profile ends at {prior:.1f} kg, and the mean of the trials cannot lie above it: the mass is"
             " convex in the thrust.",
             errata=("E10",),
         ),
         "mc_final_mean": Declaration(
-            "Altitude {value[1]:.3f} m, {z:.1f} standard errors away; target4 gives {target4[value][1]:.3f} m.",
+            "Altitude {value[1]:.3f} m, {z:.1f} standard errors away; target4 gives {target4.value[1]:.3f} m.",
             errata=("E11",),
             withheld=("the step of the simulation",),
         ),
@@ -148,7 +148,10 @@ def example(folder, hostile="plain"):
         "Uncertainty Quantification and Control During Mars Powered Descent and Landing using Covariance Steering",
         "J. Ridderhof and P. Tsiotras",
         "J. Ridderhof and P. Tsiotras, AIAA Guidance, Navigation, and Control Conference, 2018.",
-        figures={name: Product(caption, beyond=name == "fig04") for name in names},
+        figures={
+            name: Product(caption, name == "fig04", claims=("mc_final_mean",) if name == "fig02" else ())
+            for name in names
+        },
         summaries={"readings": "Measured and predicted variances"},
         described=dict.fromkeys(names[:3], f"The paper sees the trials contract. {hostile}"),
         errata=errata,
@@ -168,15 +171,14 @@ def example(folder, hostile="plain"):
             )
         ],
         [["quantity", "value"], ["design, compiled", "0.39"]],
-        [["stage", "how it ended"], ["certificates", f"8 optimal {hostile}"]],
-        [["artifact", "made from"], ["gains", "linearization"]],
+        [Solved("certificates", "solver", {"optimal": ["printed"], hostile: ["corrected"]}, [3, 1000], [])],
+        [["gains", "Gains.", "linearization", "7", "abc"]],
     )
-    small = PublishedClaim("small", "only", "Table 1", "a matrix", [[1, 2], [3, 4]], "m", "deterministic", resolution=1)
+    place = {"paper": "small", "id": "only", "where": "Table 1", "quantity": "a matrix", "kind": "deterministic"}
+    small = PublishedClaim(**place, printed=[[1, 2], [3, 4]], unit="m", resolution=1)
     rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
     environment = {
         "size": "smoke",
-        "citation": f"The marsedl developers, marsedl 0.1.0. {hostile}",
-        "rebuild": ["make all", "snakemake report  # <html>"],
         "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
         "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
     }
@@ -372,13 +374,35 @@ def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
     assert "assets/closeups.js" not in pages["small.html"].sources
 
 
+@pytest.mark.parametrize(
+    ("verdict", "more", "causes", "line"),
+    [
+        ("differs", {}, Causes(["The sign is wrong"], ["the step"]), "The sign is wrong"),
+        ("fails", {}, Causes([], ["the step"]), "Not printed: the step"),
+        ("differs", {}, Causes(), "Outside rounding and sampling error"),
+        ("fails", {}, Causes(), "Limit 1.25 m"),
+        ("holds", {}, Causes(), "Limit 1.25 m, 3.2 standard errors away"),
+        ("reproduced", {}, Causes(), "3.2 standard errors inside the limit"),
+        ("close", CLOSE, Causes(), "Within 2 %, the tolerance stated beforehand"),
+        ("by_construction", {"by_construction": "it is `x` < 1"}, Causes(), "It is <code>x</code> &lt; 1"),
+        ("as_stated", {}, Causes(), ""),
+    ],
+)
+def test_the_line_says_why_a_verdict_is_what_it_is(verdict, more, causes, line):
+    off = {"measure": "it", "value": 5.0, "limit": 1.25, "unit": "m", "distance": 3.21, "in": "standard errors"}
+    result = Result(value=True, verdict=verdict, margin=off)
+    base = {"paper": "p", "id": "c", "kind": "qualitative", "printed": True, "reading": "corrected"}
+    row = Claim(**base, verdict=verdict, readings={"corrected": result}, **more)
+    assert _templates().get_template("macros.html.j2").module.why(row, causes) == line
+
+
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
     papers, environment = example(tmp_path)
     rows = {row.id: row for row in papers[0].claims}
     row = next(row for row in rows.values() if row.is_refuted)
     rows[row.id] = row.model_copy(update={"reason": UNEXPLAINED})
     papers = [replace(papers[0], claims=list(rows.values()))]
-    build_site(tmp_path / "out", papers, environment | {"size": "full"}, figures=tmp_path)
+    build_site(tmp_path / "out", papers, environment | {"size": "full"}, {}, tmp_path)
     for name in ("index.html", "powered_descent.html", "about.html"):
         page = read(tmp_path / "out" / name)
         assert "1 result is unexplained." in words(page)
@@ -398,7 +422,7 @@ def refused(folder, papers, environment, error, *words):
     output.parent.mkdir()
     output.write_text("good")
     with pytest.raises(error) as caught:
-        build_site(output.parent, papers, environment, figures=folder)
+        build_site(output.parent, papers, environment, {}, folder)
     assert all(word in str(caught.value) for word in words)
     assert output.read_text() == "good"
     assert list(output.parent.iterdir()) == [output]

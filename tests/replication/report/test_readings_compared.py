@@ -7,7 +7,7 @@ import pytest
 from marsedl.replication.claims.claim import Claim, Margin, Result
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.report import one_line
-from marsedl.replication.report.one_line import why
+from marsedl.replication.report.one_line import Causes, causes, in_line
 from marsedl.replication.report.readings_compared import (
     Change,
     Compared,
@@ -105,18 +105,22 @@ def test_a_row_of_numbers_is_shown_whole_counted_or_by_its_ends():
     assert of([1.0, 2.0, 3.0], None, None, "m, m/s, kg") == "1.000 m ... 3.000 kg"
 
 
-def test_the_line_names_the_cause_of_a_difference():
-    titles = {"E1": "The sign is wrong", "E2": "The unit is missing", "E3": "One two three four five six seven"}
-    assert why(delta_v(errata=["E1"]), titles) == "The sign is wrong"
-    assert why(delta_v(errata=["E1", "E2"]), titles) == "The sign is wrong; The unit is missing"
-    assert why(delta_v(errata=["E3", "E1", "E2"]), titles) == f"{titles['E3']} and 2 more"
+def test_the_causes_of_a_difference_are_what_the_claim_names_in_words():
+    titles = {"E1": "The sign is wrong", "E2": "The unit is missing"}
     density = "the nominal density (`air.density_profile`, `air.density_table`)"
-    assert why(delta_v(withheld=[density]), titles) == "not printed: the nominal density"
+    named = delta_v(errata=["E2", "E1"], withheld=[density])
+    assert causes(named, titles, {}, {}) == (["The unit is missing", "The sign is wrong"], ["the nominal density"])
+    assert causes(named, titles, {}, {"E1": 2.0, "E2": 1.0}).errata == ["The sign is wrong", "The unit is missing"]
     meanings = {"recursion.shape": "shape of the slices: that of the cost, or of least volume"}
-    assert why(delta_v(withheld=["recursion.shape"]), {}, meanings) == "not printed: shape of the slices"
-    assert why(delta_v(), titles) == "outside rounding and sampling error"
-    failed = statement("stated", {"corrected": result(False, "fails", margin=margin("it", 5.0, 1.25))})
-    assert why(failed, titles) == "limit 1.25"
+    assert causes(delta_v(withheld=["recursion.shape"]), {}, meanings, {}).withheld == ["shape of the slices"]
+    assert causes(with_turned("holds", "fails", errata=["E1"]), titles, {}, {}) == Causes()
+
+
+def test_a_line_holds_as_many_causes_as_fit():
+    long = "One two three four five six seven"
+    assert in_line(["The sign is wrong", "The unit is missing"]) == "The sign is wrong; The unit is missing"
+    assert in_line([long, "The sign is wrong", "The unit is missing"]) == f"{long} and 2 more"
+    assert in_line([f"{long}, eight nine ten eleven", "x"], 10) == f"{long} and 1 more"
 
 
 # -------------------------------------------------------------------------------------------------- errata
@@ -164,9 +168,10 @@ def erratum(name, *kept_by):
     return Erratum(name, "printed", "evidence", "used", f"Title of {name}", kept_by)
 
 
-def shown_cause(one, *errata):
+def moving(one, *errata):
+    """The causes of a claim that move it."""
     moves = compared([one], *errata).causes()
-    return why(one, {e.id: e.title for e in errata}, MEANINGS, moves[one.id])
+    return causes(one, {e.id: e.title for e in errata}, MEANINGS, moves[one.id])
 
 
 def test_a_cause_that_does_not_move_the_number_towards_what_is_printed_is_not_shown():
@@ -187,22 +192,22 @@ def test_a_cause_that_does_not_move_the_number_towards_what_is_printed_is_not_sh
         "E5": pytest.approx(3.9 / (3 * math.hypot(0.1, 0.1) + 0.5)),
     }
     titles = {one.id: one.title for one in (away, still, unknown, none, towards)}
-    assert why(claim, titles, {}, moves) == "Title of E5; Title of E3"
+    assert causes(claim, titles, {}, moves).errata == ["Title of E5", "Title of E3"]
 
 
 def test_without_a_cause_that_moves_it_a_claim_is_outside_of_its_limits():
-    assert shown_cause(delta_v(errata=["E1"]), erratum("E1", "slip")) == "outside rounding and sampling error"
+    assert moving(delta_v(errata=["E1"]), erratum("E1", "slip")) == ([], [])
     held = delta_v(errata=["E1"], withheld=["the density (`air.density`)", "the seed (`simulation.seed`)"])
-    assert shown_cause(held, erratum("E1", "slip")) == "not printed: the seed"
+    assert moving(held, erratum("E1", "slip")) == ([], ["the seed"])
 
 
 def test_a_reading_in_which_a_claim_stands_shows_its_cause():
     turned = with_turned("fails", "holds", errata=["E1"])
-    assert shown_cause(turned, erratum("E1", "slip")) == "Title of E1"
+    assert moving(turned, erratum("E1", "slip")).errata == ["Title of E1"]
     nearer = {name: result(False, "fails", margin=margin("it", value, 1.0, 40.0, "standard errors", error=0.1))
               for name, value in (("corrected", 5.0), ("slip", 3.0), ("air", 7.0))}  # fmt: skip
     stated = statement("stated", nearer, errata=["E1", "E2"])
-    assert shown_cause(stated, erratum("E1", "air"), erratum("E2", "slip")) == "Title of E2"
+    assert moving(stated, erratum("E1", "air"), erratum("E2", "slip")).errata == ["Title of E2"]
 
 
 def with_turned(before, after, reading="slip", trials=None, **more):

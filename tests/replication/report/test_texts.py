@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from marsedl.papers import SLUGS, catalogue
+from marsedl.replication.claims.printed import load_published
 from marsedl.replication.errors import InputError
 from marsedl.replication.pipeline.catalogue import TEXTS, Paper
 from marsedl.replication.report.texts import comparison_texts, with_texts
@@ -17,6 +18,7 @@ figures:
     shows: >-
       The altitude
       over time.
+    claims: [altitude_falls]
   fig02:
     caption: Beyond it.
     beyond: true
@@ -42,6 +44,7 @@ def read(tmp_path, text):
 def test_a_catalogue_has_the_figures_tables_and_errata_that_have_words(tmp_path):
     paper = read(tmp_path, WHOLE)
     assert list(paper.figures) == ["fig01", "fig02"] and paper.figures["fig02"].beyond
+    assert paper.figures["fig01"].claims == ("altitude_falls",) and paper.figures["fig02"].claims == ()
     assert paper.described == {"fig01": "The altitude over time."}
     assert paper.tables["tab01"].caption == "Ends." and not paper.tables["tab01"].beyond
     assert paper.summaries == {"readings": "What each reading gives."}
@@ -54,13 +57,13 @@ def test_a_catalogue_has_the_figures_tables_and_errata_that_have_words(tmp_path)
     [
         ("    shows: >-", "    show: >-", r"texts\.yaml:4: figures\.fig01\.show: unknown key.*'shows'"),
         ("    caption: Ends.", "    beyond: true", r"tables\.tab01: the key 'caption' is missing"),
-        ("    used: down", "    used: 3", r"texts\.yaml:19: errata\.E1\.used: Input should be a valid string"),
+        ("    used: down", "    used: 3", r"texts\.yaml:20: errata\.E1\.used: Input should be a valid string"),
         ("over_readings:", "overreadings:", r"overreadings: unknown key.*'over_readings'"),
         ("caption: Altitude.", "caption: ''", r"texts\.yaml:3: figures\.fig01\.caption: .*at least 1"),
         (
             "caption: Altitude.",
             "caption: 'rho_{k+}'",
-            r"texts\.yaml:3: figures\.fig01\.caption: \{k\+\} is not a number",
+            r"texts\.yaml:3: figures\.fig01\.caption: \{k\+\} names no claim",
         ),
     ],
 )
@@ -83,9 +86,22 @@ def test_a_comparison_needs_both_captions(tmp_path):
 
 
 @pytest.mark.parametrize("slug", SLUGS)
+def test_figures_name_claims_that_there_are(slug):
+    claims = {claim.id for claim in load_published(ROOT.parents[1] / "data" / "published" / f"{slug}.yaml")}
+    named = {name for figure in catalogue(slug).figures.values() for name in figure.claims}
+    assert named and named <= claims
+
+
+@pytest.mark.parametrize("slug", SLUGS)
 def test_the_words_of_every_paper_are_sentences_without_slips_of_wrapping(slug):
     paper = catalogue(slug)
     texts = [product.caption for product in (*paper.figures.values(), *paper.tables.values())]
     texts += [*paper.described.values(), *paper.summaries.values()]
     assert all(text.endswith(".") for text in texts)
     assert not [text for text in texts if "  " in text or "\n" in text]
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_figures_name_claims_that_the_paper_prints(slug):
+    printed = {claim.id for claim in load_published(ROOT.parents[1] / "data" / "published" / f"{slug}.yaml")}
+    assert all(printed.issuperset(figure.claims) for figure in catalogue(slug).figures.values())

@@ -1,6 +1,6 @@
 """Shen, Seywald and Powell: desensitizing the pin-point landing trajectory on Mars."""
 
-from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper, Solve
 
 PAPER = Paper(
     slug="desensitized",
@@ -13,5 +13,14 @@ PAPER = Paper(
         "printed/responses/*",
         "printed/montecarlo.entry_errors/*",
         *(f"claims/{claim}/printed" for claim in ("fig05b_phase_times", "fig07b_phase_times", "fig09_reduction*")),
+    ),
+    solves=(
+        Solve("nominal", "status", "iterations"),
+        Solve("tradeoff", "path_status", what="path"),
+        Solve("tradeoff", "status", "iterations"),
+        Solve("gains", "converged", "iterations"),
+        Solve("minimum_fuel", "status"),
+        Solve("branches", "set_status", what="set"),
+        Solve("certificates", "mesh_status", "mesh_iterations", what="mesh"),
     ),
 )

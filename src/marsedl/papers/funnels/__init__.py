@@ -1,6 +1,6 @@
 """Derollez, Le Cleac'h and Manchester: robust entry vehicle guidance with sampling-based invariant funnels."""
 
-from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper, Solve
 
 PAPER = Paper(
     slug="funnels",
@@ -16,4 +16,11 @@ PAPER = Paper(
         *("corrected/coarse_funnels/backward_programs", "corrected/dubins_study/backward_level"),
     ),
     measured=True,
+    solves=(
+        Solve("dubins", "status"),
+        Solve("nominal", "status", "iterations"),
+        Solve("funnel", "status", "iterations", "residual"),
+        Solve("stage_study", "form_status", "form_iterations", "form_residual", "form"),
+        Solve("coarse_funnels", "multiplier_status", what="multiplier"),
+    ),
 )

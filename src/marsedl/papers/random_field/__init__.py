@@ -1,6 +1,6 @@
 """Ridderhof and Tsiotras: chance-constrained covariance steering in a Gaussian random field."""
 
-from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper, Solve
 
 PAPER = Paper(
     slug="random_field",
@@ -15,5 +15,9 @@ PAPER = Paper(
         "literal_gains/montecarlo.aerocapture/*",
         "claims/*/literal_gains",
         "corrected/certificates/*_gain_difference",
+    ),
+    solves=(
+        Solve("double_integrator", "status", "solver_iterations"),
+        Solve("gains", "status", "solver_iterations"),
     ),
 )

@@ -22,7 +22,7 @@ from marsedl.papers.random_field.records import (
 )
 from marsedl.replication.claims.thresholds import CONFIDENCE
 from marsedl.replication.pipeline.catalogue import Artifacts
-from marsedl.replication.records.tables import Column, frame, table
+from marsedl.replication.records.tables import Column, described, frame, table
 from marsedl.sections.air import MeanDensity
 
 PAPER = "in the paper"
@@ -343,10 +343,11 @@ def certificates(certificates: Certificates):
         other_solver=Column(label="other solver"),
     )
     differences = {
-        "history form: difference of the cost": apart(certificates.history_objective),
-        "other solver: difference of the cost": apart(certificates.other_objective),
+        "history form: difference of the cost": [apart(certificates.history_objective)],
+        "other solver: difference of the cost": [apart(certificates.other_objective)],
     }
-    return table(checks.assign(**differences), dict.fromkeys(differences, Column("", ".1e", "relative")))
+    relative = dict.fromkeys(differences, Column("", ".1e", "relative"))
+    return table({**checks, **differences}, described(checks) | relative)
 
 
 def convergence_history(guidance: Guidance, convergence: Convergence):

@@ -1,10 +1,14 @@
 """Ridderhof, Tsiotras and Johnson: stochastic entry guidance."""
 
-from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.catalogue import Paper, Solve
 
 PAPER = Paper(
     slug="stochastic_entry",
     title="Stochastic Entry Guidance",
     authors="Jack Ridderhof, Panagiotis Tsiotras and Breanna J. Johnson",
     citation="J. Ridderhof, P. Tsiotras, B. J. Johnson, Stochastic Entry Guidance, 2021",
+    solves=(
+        Solve("gains", "status", "iterations"),
+        Solve("certificates", "cone_status", "cone_iterations", what="cone"),
+    ),
 )

@@ -1,6 +1,6 @@
 """Tables 1 to 4, Eq. 77, the design's certificates, the error budget, and what each reading reproduces."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -175,7 +175,7 @@ def tab04(
                     spread = percentile_spread(sample, level, size)[1]
                 except ValueError:  # too few trials for two sets
                     spread = None
-                cell = replace(claim, printed=printed, resolution=resolution)
+                cell = claim.model_copy(update={"printed": printed, "resolution": resolution})
                 z = judge(cell, Evaluation(value, error, finite_count(ensemble))).z
                 rows.append(
                     (
@@ -253,7 +253,8 @@ def zf(air: Air, published, linearization: Linearization):
     for i, j in np.ndindex(linearization.trigger_projection.shape):
         value = linearization.trigger_projection[i, j]
         printed, resolution = (claim.printed[i], claim.resolution[i]) if j == VELOCITY else (float(i == j), ROUNDING)
-        verdict = judge(replace(claim, printed=printed, resolution=resolution), Evaluation(value)).verdict
+        entry = claim.model_copy(update={"printed": printed, "resolution": resolution})
+        verdict = judge(entry, Evaluation(value)).verdict
         unit = "1" if units[i] == units[j] else f"{units[i]} per {units[j]}"
         of_fit = fitted and j == VELOCITY
         rows.append((states[i], states[j], unit, printed, value, value - printed, verdict == "reproduced", of_fit))

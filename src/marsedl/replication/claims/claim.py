@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
-from marsedl.replication.claims.thresholds import THIN
+from marsedl.replication.claims.numbers import plain
 from marsedl.replication.sizes import FULL
 
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
@@ -23,14 +23,14 @@ MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with n
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 
 
-def _nested(entry: dict) -> dict:
+def _nested(entry: dict) -> WithJsonSchema:
     """The schema of an entry, a vector of entries, or a matrix."""
     vector = {"type": "array", "items": entry}
-    return {"anyOf": [entry, vector, {"type": "array", "items": vector}]}
+    return WithJsonSchema({"anyOf": [entry, vector, {"type": "array", "items": vector}]})
 
 
-Value = Annotated[Any, WithJsonSchema(_nested({"type": ["number", "boolean", "string", "null"]}))]
-Sizes = Annotated[Any, WithJsonSchema(_nested({"type": ["number", "null"], "minimum": 0}))]
+Value = Annotated[Any, _nested({"type": ["number", "boolean", "string", "null"]})]
+Sizes = Annotated[Any, BeforeValidator(plain), _nested({"type": ["number", "null"], "minimum": 0})]
 Number = Annotated[int | float, WithJsonSchema({"type": "number"})]
 Finite = Annotated[  # JSON has no other numbers
     Number | None, BeforeValidator(lambda value: value if value is None or math.isfinite(value) else None)
@@ -49,8 +49,8 @@ class _Part(BaseModel):
     )
 
     def written(self) -> dict[str, Any]:
-        """Return the part as it is written to JSON, without fields that were never given."""
-        return self.model_dump(by_alias=True, exclude_unset=True)
+        """Return the part as it is written to JSON."""
+        return self.model_dump(by_alias=True)
 
 
 class Deviation(_Part):
@@ -67,9 +67,9 @@ class Tolerance(_Part):
 
     reason: str
     """why this tolerance is the right one"""
-    relative: Number | None
+    relative: Number | None = None
     """share of the printed value"""
-    absolute: Sizes
+    absolute: Sizes = None
     """size in the claim's unit, a number or one for each component"""
 
 
@@ -110,8 +110,21 @@ class Counterexample(_Part):
     """the verdict after it"""
 
 
-class _Outcome(_Part):
-    value: Value
+class Doubt(_Part):
+    """Why a verdict is undetermined."""
+
+    why: str
+    """in words"""
+    measure: str = ""
+    """the measure that is in doubt; empty: the claim as a whole"""
+    trials: int | None = None
+    """about how many trials would settle it; null: trials do not, or not known"""
+
+
+class Outcome(_Part):
+    """What a number of trials gives for the claim in one reading."""
+
+    value: Value = None
     """shaped like the printed value; null: not evaluated in this reading, or not finite; an infinite input is a text"""
     standard_error: Sizes = None
     """of the value, shaped like it; null: no sampling error"""
@@ -121,33 +134,26 @@ class _Outcome(_Part):
     """the reading's own verdict; null: not evaluated in this reading"""
     components: Any = None
     """verdicts on the numbers of a row, shaped like the printed value; null: a single number or a statement"""
-
-
-class Other(_Outcome):
-    """What the reading gives with the number of trials that other readings have."""
-
-    margin: Margin | None = None
-    """as in the result"""
-
-
-class Result(_Outcome):
-    """What one reading gives for the claim."""
-
     numbers: dict[str, Any] = {}
     """numbers beside the value, by their names: those that the reason and texts may quote"""
-    evidence: str = ""
-    """a sentence with the numbers that were tested"""
-    doubt: str = ""
-    """why the verdict is undetermined, and how many trials would settle it"""
+    evidence: tuple[str, ...] = ()
+    """what was measured and tested, in sentences with numbers"""
+    doubts: tuple[Doubt, ...] = ()
+    """why the verdict is undetermined"""
     margin: Margin | None = None
     """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
     z: Deviation | None = None
     """the deviation beyond the printed rounding; null: not a Monte Carlo result"""
-    at_equal_trials: Other | None = None
+
+
+class Result(Outcome):
+    """What one reading gives for the claim."""
+
+    at_equal_trials: Outcome | None = None
     """from as many trials as other readings have; null: they have no fewer, or its measure is stored of all alone"""
 
     @property
-    def comparable(self) -> "Result | Other":
+    def comparable(self) -> Outcome:
         """What other readings can be compared with: the result from as many trials as they have."""
         return self.at_equal_trials or self
 
@@ -221,10 +227,3 @@ class Claim(_Part):
         """Return the unit of one number: units that differ are listed with commas."""
         units = self.unit.split(", ")
         return units[component[0]] if component and component[0] < len(units) > 1 else self.unit
-
-    def turned_by(self, counterexample: Counterexample | None) -> "Claim":
-        """Return the claim with its counterexample, and with whether its verdict is thin."""
-        margin = self.result.margin
-        confirmed = self.verdict in ("holds", "reproduced")
-        thin = bool(confirmed and margin and margin.distance is not None and margin.distance > THIN)
-        return self.model_copy(update={"counterexample": counterexample, "thin": thin})

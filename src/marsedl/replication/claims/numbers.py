@@ -13,41 +13,32 @@ NOT_EVALUATED = "–"
 
 
 def format_number(value: Any, standard_error: float | None = None, resolution: float | None = None) -> str:
-    """Write one number for a reader.
+    """Write one number for a reader, such as `1349.384 ± 0.047`, `4.85e-4`, `true`, or a dash for None.
 
     Args:
         value: a number, bool, text or None.
         standard_error: if positive, it is shown with two digits and sets the digits of the value.
         resolution: the size of the last digit to show, if there is no standard error; without it six digits are shown.
 
-    Returns:
-        For example `1349.384 ± 0.047`, `4.85e-4`, `true`, or a dash for None.
-
     """
-    if value is None:
-        return NOT_EVALUATED
     if isinstance(value, bool):
         return "true" if value else "false"
-    if not is_number(value):
-        return str(value)
-    if not math.isfinite(value):
-        return str(value)
+    if not is_number(value) or not math.isfinite(value):
+        return NOT_EVALUATED if value is None else str(value)
     has_error = standard_error is not None and math.isfinite(standard_error) and standard_error > 0
     if not has_error and resolution is None:
         return f"{value:.6g}"
     last_digit = _decade(standard_error) - 1 if has_error else _decade(resolution)
     size = max(abs(value), standard_error) if has_error else abs(value)
     exponent = _decade(size) if size else 0
-    if size and not -4 < exponent < 7:
-        # powers of ten: as many digits as needed to reach the last one
-        decimals, scale = max(exponent - last_digit, 0), 10.0**exponent
-        number = f"{value / scale:.{decimals}f}"
-        if has_error:
-            return f"({number} ± {standard_error / scale:.{decimals}f})e{exponent}"
-        return f"{number}e{exponent}"
-    decimals = max(-last_digit, 0)
-    number = f"{value:.{decimals}f}"
-    return f"{number} ± {standard_error:.{decimals}f}" if has_error else number
+    # Powers of ten take as many digits as needed to reach the last one.
+    exponent = 0 if -4 < exponent < 7 else exponent
+    decimals, scale = max(exponent - last_digit, 0), 10.0**exponent
+    number = f"{value / scale:.{decimals}f}"
+    if has_error:
+        number = f"{number} ± {standard_error / scale:.{decimals}f}"
+        number = f"({number})" if exponent else number
+    return f"{number}e{exponent}" if exponent else number
 
 
 def format_lines(value: Any, standard_error: Any = None, resolution: Any = None) -> list[str]:
@@ -84,17 +75,13 @@ def plain(value: Any) -> Any:
     """Turn arrays, numpy numbers and tuples into lists and Python numbers."""
     if hasattr(value, "tolist"):
         return value.tolist()
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return value
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def finite_values(value: Any, infinity: str | None = None) -> Any:
     """Replace numbers that JSON cannot hold: by None, or by a text where an infinite number is meant."""
     if isinstance(value, list):
         return [finite_values(item, infinity) for item in value]
-    if isinstance(value, dict):
-        return {key: finite_values(item, infinity) for key, item in value.items()}
     if isinstance(value, float) and not math.isfinite(value):
         return None if infinity is None or math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
     return value

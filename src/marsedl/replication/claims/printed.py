@@ -1,12 +1,8 @@
 """What a paper prints: its claims, from `data/published/<paper>.yaml`."""
 
-from __future__ import annotations
-
-import csv
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,68 +14,6 @@ from marsedl.replication.inputs.messages import Keys, Place, checked
 from marsedl.replication.inputs.yaml_file import Lined, read_yaml
 
 PLAIN_WORDS = 12  # in the short form of a claim, at most
-
-
-@dataclass(frozen=True)
-class PublishedClaim:
-    """One printed number, vector or statement of a paper."""
-
-    paper: str
-    id: str
-    where: str
-    quantity: str
-    printed: Any  # number, list, nested list, bool or text
-    unit: str
-    kind: str
-    resolution: Any = None  # size of the last printed digit: a number, a list shaped like `printed`, or None
-    trials: int | None = None  # the paper's number of Monte Carlo trials
-    note: str = ""
-    plain: str = ""  # the claim in at most `PLAIN_WORDS` words, for readers who do not know the paper
-    input: Any = None  # of a stated input that needs no code: "section.name", or a list of them
-    headline: int | None = None  # place among the claims that the paper's abstract and conclusions rest on, from 1
-
-
-def load_published(path: str | Path) -> list[PublishedClaim]:
-    """Load the printed claims of the paper that gives the file its name.
-
-    Args:
-        path: YAML file with the key `claims`, a list of mappings with the fields of `PublishedClaim`, and `headline`,
-            the ids of the few claims that the paper's abstract and conclusions rest on, in their order.
-
-    Returns:
-        The claims in the order of the file; those of the headline have their places in it, from 1.
-
-    Raises:
-        InputError: the file is missing or malformed; the message names the file, the claim's id and the key.
-
-    """
-    path = Path(path)
-    document = read_yaml(path)
-    file = checked(_File, document, Place(str(path), document))
-    claims: dict[str, PublishedClaim] = {}
-    for number, entry in enumerate(file.claims, start=1):
-        claim, place = _printed_claim(path, number, entry)
-        if claim.id in claims:
-            raise InputError(f"{place / 'id'}: used by two claims; rename one")
-        claims[claim.id] = claim
-    for place, name in enumerate(file.headline, start=1):
-        if name not in claims:
-            raise InputError(f"{path}: headline: there is no claim {shown(name)}; {nearest(name, claims)}")
-        claims[name] = replace(claims[name], headline=place)
-    return list(claims.values())
-
-
-def load_measured(path: str | Path, paper: str) -> dict[str, float]:
-    """Read what the benchmarks of a paper measured, by what they are of; raises InputError naming the file."""
-    try:
-        with Path(path).open(newline="", encoding="utf-8") as stream:
-            table = csv.DictReader(stream)
-            if not {"paper", "quantity", "value"} <= set(table.fieldnames or ()):
-                raise ValueError("its columns are not paper, quantity, value")
-            rows = [row for row in table if row["paper"] == paper]
-        return {row["quantity"]: float(row["value"]) for row in rows}
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
 
 
 def _all(words: str, test: Callable[[Any], object]) -> AfterValidator:
@@ -94,13 +28,8 @@ def _all(words: str, test: Callable[[Any], object]) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _few(text: str) -> str:
-    if len(text.split()) > PLAIN_WORDS:
-        raise ValueError(f"must be a text of at most {PLAIN_WORDS} words")
-    return text
-
-
 _Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
+_Plain = Annotated[_Text, _all(f"a text of at most {PLAIN_WORDS} words", lambda text: len(text.split()) <= PLAIN_WORDS)]
 _Id = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z0-9_]+$")]
 _Trials = Annotated[int, Field(strict=True, gt=0)]
 _Names = Annotated[
@@ -113,24 +42,22 @@ _Anything = Annotated[  # an input may be infinite
 ]
 
 
-class _File(Keys):
-    claims: list[Any]
-    headline: tuple[str, ...] = ()
+class PublishedClaim(Keys):
+    """One printed number, vector or statement of a paper."""
 
-
-class _Printed(Keys):
-    """A claim as it stands in a file, with the keys of any kind."""
-
+    paper: str
     id: _Id
     where: _Text
     quantity: _Text
     kind: Literal["deterministic", "monte_carlo", "qualitative", "input", "undetermined", "context"]
-    printed: _Anything
+    printed: _Anything  # number, list, nested list, bool or text
     unit: _Text
-    resolution: _Sizes | None = None
-    trials: _Trials | None = None
+    resolution: _Sizes | None = None  # size of the last printed digit: a number, or a list shaped like `printed`
+    trials: _Trials | None = None  # the paper's number of Monte Carlo trials
     note: str = Field("", strict=True)
-    plain: Annotated[_Text, AfterValidator(_few)] = ""
+    plain: _Plain = ""  # the claim in few words, for readers who do not know the paper
+    input: _Names | None = None  # of a stated input that needs no code: "section.name", or a list of them
+    headline: int | None = None  # place among the claims that the paper's abstract and conclusions rest on, from 1
 
     @field_validator("resolution")
     @classmethod
@@ -142,47 +69,72 @@ class _Printed(Keys):
             raise ValueError(f"{shown(resolution)} does not have the shape of 'printed'")
         return resolution
 
+    @field_validator("input")
+    @classmethod
+    def _of_a_stated_input(cls, names, info):
+        if info.data.get("kind") != "input":
+            raise ValueError("only a claim of kind 'input' names one; leave it out")
+        return names
 
-class _Measured(_Printed):
-    """Numbers, of which the last digit has a size."""
 
+class _Measured(PublishedClaim):
     printed: _Numbers
     resolution: _Sizes
 
 
 class _MonteCarlo(_Measured):
-    """Numbers from a number of trials."""
-
     trials: _Trials
 
 
-class _Statement(_Printed):
-    """A statement that holds or fails."""
-
+class _Statement(PublishedClaim):
     printed: StrictBool
 
 
-class _Input(_Printed):
-    """A stated input, with its name or names if it is an input of ours as it stands."""
-
-    input: _Names | None = None
+_OF_KIND = {"deterministic": _Measured, "monte_carlo": _MonteCarlo, "qualitative": _Statement}
 
 
-_OF_KIND = {"deterministic": _Measured, "monte_carlo": _MonteCarlo, "qualitative": _Statement, "input": _Input}
+class _File(Keys):
+    claims: list[Any]
+    headline: tuple[str, ...] = ()
 
 
-def _printed_claim(path: Path, number: int, entry: Any) -> tuple[PublishedClaim, Place]:
-    """Return a claim and its place, which is named by its number in the file if it has no id."""
-    keys, named = entry if isinstance(entry, dict) else {}, Lined()
-    name = str(keys.get("id", number))
-    named[name], named.lines = entry, {name: min(getattr(keys, "lines", {}).values(), default=None)}
-    place = Place(str(path), {"claims": named}) / "claims" / name
-    written = checked(_OF_KIND.get(str(keys.get("kind")), _Printed), entry, place)
-    return PublishedClaim(path.stem, **dict(written)), place
+def load_published(path: str | Path) -> list[PublishedClaim]:
+    """Load the printed claims of the paper that gives the file its name, in the order of the file.
+
+    path: YAML file with the key `claims`, mappings with the fields of `PublishedClaim`, and `headline`, the ids of some
+    in their order. Raises InputError, which names the file, the claim's id and the key.
+    """
+    path = Path(path)
+    document = read_yaml(path)
+    file = checked(_File, document, Place(str(path), document))
+    claims: dict[str, PublishedClaim] = {}
+    for number, entry in enumerate(file.claims, start=1):
+        keys, named = entry if isinstance(entry, dict) else {}, Lined()
+        name = str(keys.get("id", number))
+        named[name], named.lines = entry, {name: min(getattr(keys, "lines", {}).values(), default=None)}
+        place = Place(str(path), {"claims": named}) / "claims" / name
+        model = _OF_KIND.get(str(keys.get("kind")), PublishedClaim)
+        claim = checked(model, {"paper": path.stem, **entry} if keys else entry, place)
+        if claim.id in claims:
+            raise InputError(f"{place / 'id'}: used by two claims; rename one")
+        claims[claim.id] = claim
+    for position, name in enumerate(file.headline, start=1):
+        if name not in claims:
+            raise InputError(f"{path}: headline: there is no claim {shown(name)}; {nearest(name, claims)}")
+        claims[name] = claims[name].model_copy(update={"headline": position})
+    return list(claims.values())
 
 
-def published_of(params) -> dict[str, dict]:
-    """Return the printed claims by id, as the argument `published`; nothing if a job of these params shows none."""
-    if not params.made["printed"]:
-        return {}
-    return {"published": {claim.id: claim for claim in load_published(params.published)}}
+def load_measured(path: str | Path, paper: str) -> dict[str, float]:
+    """Read what the benchmarks of a paper measured, by what they are of; raises InputError naming the file."""
+    from marsedl.replication.records.tables import read_table  # slow to import, and only needed here
+
+    try:
+        return {quantity: float(value) for of, quantity, value, *_ in read_table(path)[1:] if of == paper}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
+
+
+def published_of(files) -> dict[str, dict]:
+    """Return the printed claims by id, as the argument `published`, if a job's input files have them."""
+    return {"published": {claim.id: claim for claim in load_published(*files.published)}} if files.published else {}

@@ -1,157 +1,140 @@
-"""Numbers that texts quote by the names of claims: `{prior_final_mass:.2f} kg`, `{euler.prior_final_mass:.2f} kg`.
+"""Numbers that texts quote by name: `{claim:.2f} kg`, `{reading.claim:.2f}`, `{claim.number:.1%}`, `{claim[0]:.1f}`.
 
-A quote is a claim, with a reading before it unless it is that of the text. Entries of a vector count from 0:
-`{mc_final_mean[1]:.1f}`. `{claim.printed}` is what the paper prints, `{claim.standard_error}` the standard error,
-`{claim.margin}` the measure that decides a statement, and `{claim.name}` a number that the claim's reason may quote.
-Numbers may be added, subtracted, multiplied and divided, and take a format. Literal braces are doubled.
+A quote names a claim, after a reading unless it is that of the text. A name behind the claim is another number of it:
+`printed`, `standard_error`, `trials`, `margin` (the measure that decides) or one that the claim's function names. In
+the reason of a claim the claim itself is left out: `{value:.2f}`, `{number:.2f}`, `{reading.number:.2f}`. Entries of a
+vector count from 0. The format is Python's; `%` makes a share 98.2 %. A number that this build does not have is a dash.
+Literal braces are doubled. Nothing is calculated: what a text needs is a number that the claim's function names.
 """
 
-import ast
 import json
-import operator
+import re
 import string
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.numbers import NOT_EVALUATED
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import Erratum, Paper
+from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 
 COMMITTED = Path("data/reference/quotes.json")  # what texts quote of the last accepted build, for the documentation
-
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
-_BESIDE = ("value", "standard_error", "trials")  # what can be quoted of every result
-_FORM = "write {claim:.2f}, {reading.claim:.2f} or {claim[0]:.2f}, and double literal braces"
+_QUOTE = re.compile(r"[A-Za-z]\w*(\.\w+|\[\d+\])*")
 
 
-class _AbsentError(Exception):
-    """A number that this build does not have."""
+class Names(dict):
+    """What can be quoted, by name."""
+
+    def __missing__(self, name: str) -> None:
+        """Reject a name that does not exist."""
+        remedy = nearest(name, self) if self else "quote {claim}, {reading.claim} or {reading.claim.number}"
+        raise ValueError(f"there is no '{name}' to quote; {remedy}")
 
 
-class _Piece(NamedTuple):
-    """Words of a text, and the number after them, if there is one."""
+class Quoted:
+    """What a quote has led to: a number or vector, None if there is none, and what further names lead to."""
 
-    words: str
-    quote: str | None
-    number: Callable[["Quotes"], Any] | None
-    format: str
+    def __init__(self, value: Any = None, names: Mapping[str, Any] | None = None):
+        """Take the value, and values by the names that may follow."""
+        self._value, self._names = value, Names() if names is None else names
 
-    @property
-    def written(self) -> str:
-        """The quote as it stands between its braces."""
-        return f"{self.quote}:{self.format}" if self.format else self.quote or ""
+    def __getattr__(self, name: str) -> "Quoted":
+        """Return what the next name leads to."""
+        found = self._names[name]
+        return found if isinstance(found, Quoted) else Quoted(found)
+
+    def __getitem__(self, index: int) -> "Quoted":
+        """Return an entry of a vector."""
+        if self._value is None:
+            return self
+        if not isinstance(self._value, list) or not isinstance(index, int) or index >= len(self._value):
+            raise ValueError(f"there is no entry {index}; entries of a vector count from 0")
+        return Quoted(self._value[index])
+
+    def __format__(self, form: str) -> str:
+        """Return the number as text."""
+        if isinstance(self._value, bool | list):
+            raise ValueError(f"{self._value!r} is not a number")
+        return NOT_EVALUATED if self._value is None else format(self._value, form).replace("%", " %")
+
+
+def quotes_in(text: str) -> list[tuple[str, str]]:
+    """Split a text into pairs of words and the quote behind them, "" behind the last; raises ValueError."""
+    pairs = []
+    for words, quote, form, conversion in string.Formatter().parse(text):
+        if quote is not None and (conversion or not _QUOTE.fullmatch(quote)):
+            raise ValueError(f"{{{quote}}} names no claim; write {{claim:.2f}}, and double literal braces")
+        pairs.append((words, f"{quote}:{form}" if form else quote or ""))
+    return pairs
+
+
+def with_own_numbers(reason: str, numbers: Mapping[str, Mapping[str, Any] | None], reading: str) -> str:
+    """Return the reason of a claim with its numbers; raises ValueError if one does not exist.
+
+    numbers: those of the claim by reading and name, None for a reading without any; reading: that which is not named.
+    """
+    of = {name: defaultdict(Quoted) if own is None else Names(own) for name, own in numbers.items()}
+    readings = {name: Quoted(None, names) for name, names in of.items()}
+    own = {name: Quoted(value) for name, value in of[reading].items()}
+    if both := readings.keys() & own:
+        raise ValueError(f"'{min(both)}' is the name of a reading and of a number")
+    return reason.format_map(defaultdict(Quoted, readings) if numbers[reading] is None else Names(readings | own))
 
 
 @dataclass(frozen=True)
 class Quotes:
-    """What texts of a paper can quote.
+    """What texts of a paper can quote: the number as text, by the quote as it is written.
 
-    `claims` are its rows of verdicts by id, None if there are none yet; `readings` the names of all its readings,
-    `reading` the one that the texts are about. A number that was not evaluated is a dash.
+    `claims` are its verdicts, None if there are none yet; `readings` the names of all its readings, `reading` the one
+    that the texts are about.
     """
 
-    claims: Mapping[str, Claim] | None
+    claims: Iterable[Claim] | None
     readings: Collection[str]
     reading: str = CORRECTED
 
-    def fill(self, text: str, where: str) -> str:
-        """Return a text with its numbers.
+    def __getitem__(self, quote: str) -> str:
+        """Return a number as text; raises ValueError if it does not exist."""
+        return f"{{{quote}}}".format_map(self._names)
 
-        Args:
-            text: with quotes in braces.
-            where: the place of the text, for messages.
-
-        Raises:
-            InputError: a quote is malformed, or names a claim, reading or entry that does not exist.
-
-        """
-        try:
-            return "".join(piece.words + self._quoted(piece) for piece in pieces(text))
-        except ValueError as error:
-            raise InputError(f"{where}: {error}") from None
-
-    def look_up(self, names: list[str]) -> Any:
-        """Return the number or vector of "reading.claim.standard_error", of which only the claim must be there."""
-        first, claims = names[0], names if self.claims is None else self.claims
-        of_reading = len(names) > 1 and first in self.readings
-        claim, *number_names = names[1:] if of_reading else names
-        # Before anything is judged, "a.b" may as well be a number b of a claim a.
-        if len(names) > 1 and not of_reading and (claim not in claims or len(number_names) > 1):
-            raise ValueError(f"there is no reading '{first}'; {nearest(first, self.readings)}")
+    @cached_property
+    def _names(self) -> Mapping[str, Quoted]:
         if self.claims is None:
-            raise _AbsentError
-        if claim not in claims:
-            raise ValueError(f"there is no claim '{claim}'; {nearest(claim, claims)}")
-        if len(number_names) > 1:
-            raise ValueError(f"'{'.'.join(names)}' names more than a claim and a number of it")
-        reading = first if of_reading else self.reading
-        number = _beside(self.claims[claim], reading, number_names[0] if number_names else "value")
-        if number is None:
-            raise _AbsentError
-        return number
-
-    def _quoted(self, piece: _Piece) -> str:
-        if piece.number is None:
-            return ""
-        try:
-            number = piece.number(self)
-            if isinstance(number, bool | str | list):
-                raise ValueError(f"{number!r} is not a number")
-            return format(number, piece.format)
-        except _AbsentError:
-            return NOT_EVALUATED
-        except (ValueError, TypeError, ArithmeticError) as error:
-            raise ValueError(f"{{{piece.quote}}}: {error}") from None
+            claims = defaultdict(lambda: Quoted(None, defaultdict(Quoted)))
+            return defaultdict(claims.default_factory, {name: Quoted(None, claims) for name in self.readings})
+        readings = {*self.readings, self.reading}
+        of = {reading: Names({row.id: _numbers(row, reading) for row in self.claims}) for reading in readings}
+        return Names({name: Quoted(None, claims) for name, claims in of.items()} | of[self.reading])
 
 
-def _beside(row: Claim, reading: str, name: str) -> Any:
-    """What is quoted of a claim: `printed`, one of `_BESIDE`, `margin`, or a number that its reason may quote."""
-    if name == "printed":
-        return row.printed
-    result = row.readings.get(reading)
-    if result is None:
-        return None
-    if name in _BESIDE:
-        return getattr(result, name)
-    if name == "margin":
-        return result.margin and result.margin.value
-    if name not in result.numbers and result.verdict is not None:
-        valid_names = ["printed", "margin", *_BESIDE, *result.numbers]
-        raise ValueError(f"claim '{row.id}' has no number '{name}'; {nearest(name, valid_names)}")
-    return result.numbers.get(name)
+def _numbers(row: Claim, reading: str) -> Quoted:
+    """What can be quoted of a claim; a number that only another reading has is a dash."""
+    result, printed = row.readings.get(reading), {"printed": row.printed}
+    if result is None or result.verdict is None:
+        return Quoted(None, defaultdict(Quoted, printed))
+    numbers = {name: None for other in row.readings.values() for name in other.numbers}
+    own = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
+    margin = result.margin and result.margin.value
+    return Quoted(result.value, Names(numbers | result.numbers | own | printed | {"margin": margin}))
 
 
-@dataclass(frozen=True)
-class Committed:
+class Committed(dict):
     """Numbers that were accepted with the last full build, as text by the quote as it is written."""
 
-    numbers: Mapping[str, str]
-
-    def fill(self, text: str, where: str) -> str:
-        """Return a text with its numbers; raises InputError naming `where` if one was not accepted yet."""
-        return "".join(piece.words + self._text(piece, where) for piece in pieces(text))
-
-    def _text(self, piece: _Piece, where: str) -> str:
-        if piece.number is None:
-            return ""
-        if piece.written not in self.numbers:
-            raise InputError(
-                f"{where}: {COMMITTED} has no {{{piece.written}}}; run 'marsedl accept' after a full build"
-            )
-        return self.numbers[piece.written]
+    def __missing__(self, quote: str) -> None:
+        """Reject a quote that was not accepted yet."""
+        raise ValueError(f"{COMMITTED} has no {{{quote}}}; run 'marsedl accept' after a full build")
 
 
 def committed(root: Path, slug: str) -> Committed:
-    """Return the accepted numbers of a paper; raises InputError if the file cannot be read."""
-    try:
-        return Committed(json.loads((root / COMMITTED).read_text(encoding="utf-8")).get(slug, {}))
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{COMMITTED}: cannot be read ({error!r}); restore it, or run 'marsedl accept'") from None
+    """Return the accepted numbers of a paper."""
+    return Committed(json.loads((root / COMMITTED).read_text(encoding="utf-8")).get(slug, {}))
 
 
 def accept(root: Path, papers: Mapping[str, tuple[Paper, Quotes]]) -> Path:
@@ -162,92 +145,36 @@ def accept(root: Path, papers: Mapping[str, tuple[Paper, Quotes]]) -> Path:
 
 
 def numbers_of(paper: Paper, quotes: Quotes) -> dict[str, str]:
-    """Return what the texts of a paper quote: the number as text, by the quote as it is written, sorted by it."""
-    numbers = {}
+    """Return what the texts of a paper quote, sorted by the quote as it is written."""
 
-    class Gather:
-        def fill(self, text: str, where: str) -> str:
-            number_quotes = [piece.written for piece in pieces(text) if piece.number]
-            numbers.update((quote, quotes.fill(f"{{{quote}}}", where)) for quote in number_quotes)
-            return text
+    class Gathered(dict):
+        def __missing__(self, quote: str) -> str:
+            return self.setdefault(quote, quotes[quote])
 
-    with_numbers(paper, Gather())
+    numbers = Gathered()
+    with_numbers(paper, numbers)
     return dict(sorted(numbers.items()))
 
 
-def with_numbers(paper: Paper, quotes: "Quotes | Committed") -> Paper:
-    """Return a catalogue with the numbers of its texts; raises InputError as `Quotes.fill`, naming the text."""
+def with_numbers(paper: Paper, quotes: Quotes | Mapping[str, str]) -> Paper:
+    """Return a catalogue with the numbers of its texts; raises InputError, naming the text, if one does not exist."""
 
-    def fill(text: str, *place: str) -> str:
-        return quotes.fill(text, f"{paper.slug}: {' of '.join(place)}")
+    def filled(of: Any, where: str) -> Any:
+        match of:
+            case str():
+                try:
+                    return "".join(words + (quote and quotes[quote]) for words, quote in quotes_in(of))
+                except (ValueError, TypeError) as error:
+                    raise InputError(f"{where}: {error}") from None
+            case dict():
+                return {name: filled(text, f"{where}.{name}") for name, text in of.items()}
+            case tuple():
+                return tuple(filled(text, where) for text in of)
+            case Product():
+                return replace(of, caption=filled(of.caption, f"{where}.caption"))
+            case Erratum():
+                texts = {key: getattr(of, key) for key in ("printed", "evidence", "used")}
+                return replace(of, **filled(texts, f"{where}.{of.id}"))
 
-    def captions(products: Mapping[str, Any]) -> dict[str, Any]:
-        return {stem: replace(item, caption=fill(item.caption, "caption", stem)) for stem, item in products.items()}
-
-    def erratum(entry: Erratum) -> Erratum:
-        texts = {key: fill(getattr(entry, key), key, entry.id) for key in ("printed", "evidence", "used")}
-        return replace(entry, **texts)
-
-    return replace(
-        paper,
-        figures=captions(paper.figures),
-        tables=captions(paper.tables),
-        summaries={stem: fill(text, "caption", stem) for stem, text in paper.summaries.items()},
-        described={stem: fill(text, "what the paper shows", stem) for stem, text in paper.described.items()},
-        errata=tuple(map(erratum, paper.errata)),
-        in_short=tuple(fill(text, "sentence", "in_short") for text in paper.in_short),
-    )
-
-
-def by_id(rows: Iterable[Claim] | None) -> dict[str, Claim] | None:
-    """Return the rows of a paper's claims by their ids; None if there are none."""
-    return None if rows is None else {row.id: row for row in rows}
-
-
-def pieces(text: str) -> list[_Piece]:
-    """Split a text at its quotes; raises ValueError if one is malformed."""
-    try:
-        return [_Piece(words, quote, quote and _compiled(quote), spec or "") for words, quote, spec in _fields(text)]
-    except SyntaxError as error:
-        raise ValueError(f"{error.msg}; {_FORM}") from None
-
-
-def _fields(text: str) -> Iterable[tuple[str, str | None, str | None]]:
-    try:
-        for words, quote, spec, conversion in string.Formatter().parse(text):
-            if quote == "" or conversion:
-                raise SyntaxError("a quote names no claim")
-            yield words, quote, spec
-    except ValueError as error:  # a brace without its partner
-        raise SyntaxError(str(error)) from None
-
-
-def _compiled(quote: str) -> Callable[[Quotes], Any]:
-    try:
-        return _number(ast.parse(quote.strip(), mode="eval").body)
-    except (SyntaxError, RecursionError):
-        raise SyntaxError(f"{{{quote}}} is not a number of a claim") from None
-
-
-def _number(node: ast.expr) -> Callable[[Quotes], Any]:
-    match node:
-        case ast.Constant(value=int() | float() as number):
-            return lambda quotes: number
-        case ast.UnaryOp(op=ast.USub(), operand=of):
-            inner = _number(of)
-            return lambda quotes: -inner(quotes)
-        case ast.BinOp(left=left, op=sign, right=right) if type(sign) in _OPERATORS:
-            apply, first, second = _OPERATORS[type(sign)], _number(left), _number(right)
-            return lambda quotes: apply(first(quotes), second(quotes))
-        case ast.Subscript(value=of, slice=ast.Constant(value=int() as index)):
-            vector = _number(of)
-            return lambda quotes: _entry(vector(quotes), index)
-        case ast.Name() | ast.Attribute() if all(map(str.isidentifier, names := ast.unparse(node).split("."))):
-            return lambda quotes: quotes.look_up(names)
-    raise SyntaxError
-
-
-def _entry(vector: Any, index: int) -> Any:
-    if not isinstance(vector, list) or index >= len(vector):
-        raise ValueError(f"there is no entry {index}; entries of a vector count from 0")
-    return vector[index]
+    names = ("figures", "tables", "summaries", "described", "errata", "in_short")
+    return replace(paper, **{name: filled(getattr(paper, name), f"{paper.slug}: {name}") for name in names})

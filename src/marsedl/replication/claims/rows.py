@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ from marsedl.replication.claims.claim import (
     VERDICTS_OF,
     Claim,
     Counterexample,
-    Result,
 )
 from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines, format_result
 from marsedl.replication.errors import ArtifactError
@@ -32,31 +30,14 @@ if TYPE_CHECKING:
 def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
     """Write claims as JSON, papers in alphabetical order, the claims of a paper in the order given.
 
-    Args:
-        rows: the claims of one or more papers.
-        path: the JSON file; replaced as a whole or not at all.
-
-    Raises:
-        ArtifactError: a number is not finite, or two claims have the same paper and id.
-
+    Raises ArtifactError if a number is not finite; a good file is then left alone.
     """
-    rows = sorted(rows, key=lambda row: row.paper)
-    if len({(row.paper, row.id) for row in rows}) != len(rows):
-        raise ArtifactError(f"{path}: a claim is written twice")
-    write_json([row.written() for row in rows], path)
+    write_json([row.written() for row in sorted(rows, key=lambda row: row.paper)], path)
 
 
 def read_claims(path: str | Path) -> list[Claim]:
-    """Read what `write_claims` wrote.
-
-    Raises:
-        ArtifactError: the file is missing, damaged, or no list of claims.
-
-    """
-    rows = _read_json(path)
-    if not isinstance(rows, list):
-        raise ArtifactError(f"{path}: is not a list of claims; {_REMEDY}")
-    return _checked(list[Claim], rows, path)
+    """Read what `write_claims` wrote; raises ArtifactError if the file is missing, damaged, or no list of claims."""
+    return _read(list[Claim], path)
 
 
 def write_counterexamples(counterexamples: Mapping[str, Counterexample | None], path: str | Path) -> None:
@@ -65,29 +46,19 @@ def write_counterexamples(counterexamples: Mapping[str, Counterexample | None], 
 
 
 def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
-    """Read the counterexamples of a paper's counted claims; raises ArtifactError if they cannot be read."""
-    return _checked(dict[str, Counterexample | None], _read_json(path), path)
+    """Read the counterexamples of a paper's counted claims; raises ArtifactError as `read_claims`."""
+    return _read(dict[str, Counterexample | None], path)
 
 
-_REMEDY = "delete the file and run 'snakemake claims'"
-
-
-def _read_json(path: str | Path) -> Any:
+def _read(kind: Any, path: str | Path) -> Any:
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        return TypeAdapter(kind).validate_json(Path(path).read_bytes())
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}); run 'snakemake claims'") from None
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"{path}: is not JSON ({error}); {_REMEDY}") from None
-
-
-def _checked(kind: Any, value: Any, path: str | Path) -> Any:
-    try:
-        return TypeAdapter(kind).validate_python(value)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise ArtifactError(f"{path}: {place}: {first['msg']}; {_REMEDY}") from None
+        problem = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
+        raise ArtifactError(f"{path}: {problem}; delete the file and run 'snakemake claims'") from None
 
 
 def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
@@ -107,8 +78,7 @@ def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
     for row in rows:
         printed = flatten(row.printed)
         for reading, result in row.readings.items():
-            values, errors = flatten(result.value), flatten(result.standard_error)
-            verdicts = flatten(result.components)
+            values, errors, verdicts = map(flatten, (result.value, result.standard_error, result.components))
             for place in max((values, printed), key=len):
                 numbers = (part.get(place, part.get(())) for part in (values, errors, printed))
                 cells.append(
@@ -135,10 +105,7 @@ def write_table_of_claims(rows: Sequence[Claim], long: str | Path, wide: str | P
 
 
 def claims_markdown(rows: Sequence[Claim]) -> str:
-    """Return claims as a table for readers: what is printed, every reading's value and verdict, the reason.
-
-    rows: claims from `collect` or `read_claims`. For analysts there is `claims_table`.
-    """
+    """Return claims as a table for readers: what is printed, every reading's value and verdict, the reason."""
     readings = list(dict.fromkeys(name for row in rows for name in row.readings))
     shown = ["paper", "id", "where", "quantity", "unit", "kind"]
     # not "printed", which is the name of a reading
@@ -148,19 +115,25 @@ def claims_markdown(rows: Sequence[Claim]) -> str:
         cells = [getattr(row, key) for key in shown]
         cells.append("; ".join(format_lines(row.printed, resolution=row.resolution)))
         for name in readings:
-            cells += ["; ".join(format_result(row, name)), _verdict_cell(row.readings.get(name))]
+            cells += ["; ".join(format_result(row, name)), _verdict_cell(row, name)]
         table.append([*cells, row.verdict, row.reason])
     lines = [[*header, "verdict", "reason"], ["---"] * (len(header) + 2), *table]
     return "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
 
 
-def _verdict_cell(result: Result | None) -> str:
+def _verdict_cell(row: Claim, reading: str) -> str:
     """The verdict of a reading, and the one from as many trials as other readings have if that is another one."""
-    verdict = (result and result.verdict) or NOT_EVALUATED
-    other = result and result.at_equal_trials
-    if not other or other.verdict == verdict:
-        return verdict
-    return f"{verdict} ({other.verdict} with {other.trials:,} trials)"
+    result = row.readings.get(reading)
+    if result is None or result.verdict is None:
+        return NOT_EVALUATED
+    other = result.comparable
+    more = f" ({other.verdict} with {other.trials:,} trials)" if other.verdict != result.verdict else ""
+    return f"{result.verdict}{more}"
+
+
+def _markdown_cell(text: str) -> str:
+    escaped = str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
+    return " ".join(escaped.split())
 
 
 def unexplained(rows: Iterable[Claim]) -> list[str]:
@@ -171,10 +144,8 @@ def unexplained(rows: Iterable[Claim]) -> list[str]:
 def summary(rows: Iterable[Claim]) -> dict[str, dict[str, int]]:
     """Count the verdicts of claims, or of what has their `kind` and `verdict`.
 
-    Returns:
-        `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed numbers
-        and statements apart, and what is listed and never counted.
-
+    Returns `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed
+    numbers and statements apart, and what is listed and never counted.
     """
     found = [(STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows]
 
@@ -186,8 +157,3 @@ def summary(rows: Iterable[Claim]) -> dict[str, dict[str, int]]:
         **{kind: count(names, [kind]) for kind, names in VERDICTS_OF.items()},
         "listed": count(LISTED_VERDICTS),
     }
-
-
-def _markdown_cell(text: str) -> str:
-    escaped = str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
-    return " ".join(escaped.split())

@@ -31,33 +31,22 @@ class Limit:
         """Return the limit with its threshold times a factor."""
         return self.hard if self.soft is None else self.hard + factor * self.soft
 
-    def __mul__(self, scale):
-        """Scale the limit."""
-        return Limit(self.soft * scale, self.hard * scale, self.words)
+    def __mul__(self, scale):  # noqa: D105
+        return Limit(self.soft * scale, self.hard * scale)
 
-    __rmul__ = __mul__
+    def __add__(self, hard):  # noqa: D105
+        return Limit(self.soft, self.hard + hard)
 
-    def __add__(self, hard):
-        """Move the limit by what is certain."""
-        return Limit(self.soft, self.hard + hard, self.words)
-
-    __radd__ = __add__
-
-    def __neg__(self):
-        """Turn the limit's sign."""
-        return self * -1.0
-
-    def __sub__(self, hard):
-        """Move the limit down by what is certain."""
+    def __sub__(self, hard):  # noqa: D105
         return self + -hard
 
-    def __rsub__(self, hard):
-        """Return what the threshold leaves of what is certain: `1.0 - VISIBLE`."""
-        return -self + hard
+    def __rsub__(self, hard):  # noqa: D105
+        return self * -1.0 + hard
 
-    def __format__(self, form: str) -> str:
-        """Write the limit as a number."""
+    def __format__(self, form: str) -> str:  # noqa: D105
         return format(self.at(1.0), form)
+
+    __rmul__, __radd__ = __mul__, __add__
 
 
 # The words of the papers, and what each asks for. Fixed for all papers before it was applied to any of them.

@@ -5,7 +5,7 @@ import re
 import typing
 from dataclasses import dataclass, replace
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from marsedl.replication.errors import InputError, nearest, shown
 
@@ -30,14 +30,11 @@ class Place:
         for key in self.keys:
             line, node = getattr(node, "lines", {}).get(key, line), node.get(key) if isinstance(node, dict) else None
         where = f"{self.origin}:{line}" if line else self.origin
-        names = [str(key) if re.fullmatch(r"\S{1,60}", str(key)) else shown(key) for key in self.keys]
-        return f"{where}: {'.'.join(names)}" if names else where
+        return f"{where}: {'.'.join(map(str, self.keys))}" if self.keys else where
 
 
-class Keys(BaseModel):
+class Keys(BaseModel, extra="forbid", frozen=True, defer_build=True):
     """Base of what is written as keys with values: no unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
     def unknown(cls, key: str) -> str:
@@ -46,17 +43,7 @@ class Keys(BaseModel):
 
 
 def checked(model: type[Model], value: object, place: Place) -> Model:
-    """Return a value as the model has it.
-
-    Args:
-        model: what may be written there.
-        value: what is written there.
-        place: where it is written.
-
-    Raises:
-        InputError: the first fault, in one line that names its place.
-
-    """
+    """Return what is written at a place as a model has it; InputError names the first fault and its place."""
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -80,15 +67,12 @@ def checked(model: type[Model], value: object, place: Place) -> Model:
 
 
 def sentence(fault: typing.Mapping, written: object = ...) -> str:
-    """Return what is wrong with a value.
-
-    fault: an entry of `ValidationError.errors`. written: the value as it is written; without it, none is shown.
-    """
+    """Return what is wrong by an entry of `ValidationError.errors`, and the value as it is written unless left out."""
     message = fault["msg"].removeprefix("Value error, ").replace("valid tuple", "valid list").replace("Tuple", "List")
     given = "" if written is ... else f" (given: {shown(written)})"
-    text = fault["input"].strip() if isinstance(fault["input"], str) else ""
-    hint = "; YAML reads this as text: write the number with a point, as in 1.0e-3"
-    return f"{message}{given}{hint if re.fullmatch(r'[+-]?[0-9]+[eE][+-]?[0-9]+', text) else ''}"
+    is_number = re.fullmatch(r"[+-]?[0-9]+[eE][+-]?[0-9]+", str(fault["input"]).strip())
+    hint = "; YAML reads this as text: write the number with a point, as in 1.0e-3" if is_number else ""
+    return f"{message}{given}{hint}"
 
 
 def _below(of: typing.Any, key: object) -> typing.Any:

@@ -4,45 +4,44 @@ A reading is written as the inputs that differ from the reading it is `based_on`
 source and, if one likes, its unit; a section may name the `source` of all of its inputs that name none.
 """
 
-import functools
 import hashlib
 import inspect
 import json
-import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 from pydantic import ValidationError
 
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs import CORRECTED, PRINTED
-from marsedl.replication.inputs.messages import Place, checked, sentence
+from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.inputs.written import WrittenReading, configuration, own_configuration, own_readings
+from marsedl.replication.inputs.written import Settings, Sourced, WrittenReading, configuration, own_configuration
 from marsedl.replication.inputs.yaml_file import read_yaml
+from marsedl.replication.sizes import FULL
 
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
-SETTINGS = ("size", "chunks")  # at the top of a user's configuration, beside the papers
+SETTINGS = tuple(Settings.model_fields)  # at the top of a user's configuration, beside the papers
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where an input comes from, the key and value as they are written, and the reading that sets it."""
+    """Where an input comes from: key, value and unit as written, the reading that sets it, and the value in SI."""
 
     key: str
     written: object
+    unit: str
     source: str
     reading: str
+    value: object
 
 
 @dataclass(frozen=True)
 class Reading:
     """A complete, named set of inputs.
 
-    `written` are its inputs and `sources` where they come from, by "section.name"; `written` values are in SI, but not
-    limited by the size that is built, as those of `inputs` are.
+    `sources` are by "section.name"; their values are not limited by the size that is built, as those of `inputs` are.
     """
 
     name: str
@@ -50,7 +49,6 @@ class Reading:
     based_on: str | None
     frozen: str
     inputs: Inputs
-    written: dict[str, object]
     sources: dict[str, Source]
 
     def slice(self, names: Iterable[str]) -> dict:
@@ -62,10 +60,6 @@ class Reading:
         """Return the Monte Carlo cases with their numbers of trials; a case without trials is left out."""
         trials = {case: self.inputs.get(name) for case, name in self.inputs.CASES.items()}
         return {case: number for case, number in trials.items() if number}
-
-    def differences(self) -> dict[str, Source]:
-        """Return the inputs that this reading sets itself."""
-        return {name: source for name, source in self.sources.items() if source.reading == self.name}
 
 
 @dataclass(frozen=True)
@@ -81,104 +75,38 @@ class Study:
     chunks: dict[str, int]
     compared: tuple[str, ...]
     own_readings: frozenset[str] = frozenset()
-
-
-class _Written(typing.NamedTuple):
-    """A reading as it stands in a file."""
-
-    place: Place
-    body: WrittenReading
-
-
-def read_own_file(path: Path, keys: Iterable[str]) -> dict:
-    """Read a user's own configuration, with only known keys at its top.
-
-    Every reader calls this, so that all reject the same files with the same message.
-    """
-    document = read_yaml(path, "check its path and permissions")
-    papers = dict.fromkeys((key for key in keys if key not in SETTINGS), typing.Any)
-    checked(own_configuration(papers), document, Place(str(path), document))
-    return document
+    size: str = FULL
 
 
 def load_studies(
-    models: dict[str, type[Inputs]], folder: Path, config: dict, config_files: Iterable[Path] = ()
+    models: Mapping[str, type[Inputs]], root: Path, config: Mapping = {}, config_files: Iterable[Path] = ()
 ) -> dict[str, Study]:
     """Load every paper's configuration, with what a user gave on the command line or in files of their own.
 
     Args:
         models: the papers' typed inputs by slug.
-        folder: where their configurations are.
-        config: the user's configuration: a paper's slug with readings; `size`; `chunks`.
-        config_files: the files that it was read from.
-
-    Returns:
-        The studies by slug.
+        root: the project's folder, which holds `configs/<slug>.yaml` and the files that inputs name by relative paths.
+        config: what the user sets (readings by paper, `size`, `chunks`), if it is not in `config_files`.
+        config_files: files of the user.
 
     Raises:
-        InputError: before anything is computed.
+        InputError: one message with file, line, key, what is wrong and the remedy, before anything is computed.
 
     """
-    documents = [read_own_file(path, (*models, *SETTINGS)) for path in config_files]
+    own = own_configuration(models)
+    files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
+    for file in files:
+        checked(own, file.document, file)
+        config = {**file.document, **config}
     # Of several files, Snakemake does not tell which one a key is of.
-    place = Place(", ".join(map(str, config_files)) or "--config", documents[0] if len(documents) == 1 else None)
-    settings = checked(own_configuration(dict.fromkeys(models, typing.Any)), config, place)
-    studies = {}
-    for slug, model in models.items():
-        own = {}
-        if slug in config:
-            part = checked(own_readings(model), config[slug], place / slug)
-            own = _written(part.readings, place / slug)
-        study = load_study(slug, model, folder / f"{slug}.yaml", own=own, size=settings.size)
-        chunks = dict.fromkeys(study.chunks, settings.chunks) if settings.chunks else study.chunks
-        studies[slug] = replace(study, chunks=chunks)
-    return studies
+    place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
+    settings = checked(own, config, place)
+    return {slug: _study(slug, model, root, settings, place / slug) for slug, model in models.items()}
 
 
-def load_study(
-    paper: str, model: type[Inputs], path: Path, *, own: dict[str, _Written] | None = None, size: str = "full"
-) -> Study:
-    """Load a paper's readings from its configuration.
-
-    Args:
-        paper: its slug.
-        model: its typed inputs.
-        path: its configuration.
-        own: a user's own readings, as `load_studies` checks them.
-        size: "full", or one that the configuration defines.
-
-    Raises:
-        InputError: one message with file, line, key, what is wrong and the remedy.
-
-    """
-    document = read_yaml(path)
-    place = Place(str(path), document)
-    written = checked(configuration(model), document, place)
-    bodies, own = _written(written.readings, place), own or {}
-    for name in own:
-        if name in bodies:
-            remedy = f"choose another name and write 'based_on: {name}'"
-            raise InputError(f"{own[name].place}: the name belongs to a reading of {path}; {remedy}")
-    bodies |= own
-    readings: dict[str, Reading] = {}
-    for name in bodies:
-        _resolve(name, bodies, readings, model)
-    compared = tuple(readings)
-    if size != "full":
-        limits, left_out = _size(written, size, place)
-        # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
-        readings = {name: _limited(reading, limits, place / "sizes" / size) for name, reading in readings.items()}
-        compared = tuple(name for name in readings if name not in left_out)
-    chunks = written.chunks.model_dump() if written.chunks else {}
-    return Study(paper, readings, chunks, compared, frozenset(own))
-
-
-def configured_readings(path: Path) -> list[str]:
-    """Return the names of the readings of a paper's configuration, whatever stands in them."""
-    document = read_yaml(path)
-    if not isinstance(document, dict) or not isinstance(document.get("readings"), dict):
-        raise InputError(f"{path}: readings: must be keys with values")
-    return list(document["readings"])
+def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL) -> Study:
+    """Load a paper's configuration, see `load_studies`."""
+    return load_studies({paper: model}, root, {"size": size})[paper]
 
 
 def counted_inputs(study: Study) -> str:
@@ -192,148 +120,143 @@ def committed_inputs(root: Path) -> dict[str, str]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            f"{path}: cannot be read ({error}); restore it with 'git checkout {COMMITTED_INPUTS}'"
-        ) from None
+        remedy = f"restore it with 'git checkout {COMMITTED_INPUTS}'"
+        raise InputError(f"{path}: cannot be read ({error}); {remedy}") from None
 
 
 def _digest(values: dict) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-def _written(readings: dict[str, WrittenReading], place: Place) -> dict[str, _Written]:
-    return {name: _Written(place / "readings" / name, body) for name, body in readings.items()}
+def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_place: Place) -> Study:
+    path = Path("configs") / f"{slug}.yaml"
+    place = Place(str(path), read_yaml(root / path))
+    file, part = checked(configuration(model), place.document, place), getattr(settings, slug)
+    own = part.readings if part else {}
+    bodies = {name: (place / "readings" / name, body) for name, body in file.readings.items()}
+    for name, body in own.items():
+        at, remedy = own_place / "readings" / name, f"choose another name and write 'based_on: {name}'"
+        if bodies.setdefault(name, (at, body))[0] is not at:
+            raise InputError(f"{at}: the name belongs to a reading of {path}; {remedy}")
+    resolver = _Resolver(model, root, bodies)
+    readings, compared = resolver.readings, tuple(resolver.readings)
+    if settings.size != FULL:
+        limits, left_out = _size(file, settings.size, place)
+        compared = tuple(name for name in readings if name not in left_out)
+        # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
+        place = place / "sizes" / settings.size
+        readings = {name: resolver.limited(reading, limits, place) for name, reading in readings.items()}
+    chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
+    return Study(slug, readings, chunks, compared, frozenset(own), settings.size)
 
 
-# ------------------------------------------------------------------------------------------------------------ readings
+def _size(file: Keys, size: str, place: Place) -> tuple[dict[str, dict[str, float]], set[str]]:
+    """Return the limits of a size, by section, and the readings of the file that it does not compare."""
+    if size not in file.sizes:
+        hint = nearest(size, [FULL, *file.sizes])
+        raise InputError(f"--config size={size}: {place.origin} defines no such size; {hint}")
+    limits, place = file.sizes[size].model_dump(exclude_unset=True), place / "sizes" / size / "readings"
+    names = limits.pop("readings", list(file.readings))
+    if not {PRINTED, CORRECTED} <= set(names):
+        raise InputError(f"{place}: {shown(names)} is not a list of readings with printed and corrected")
+    for name in names:
+        if name not in file.readings:
+            raise InputError(f"{place}: there is no reading {shown(name)}; {nearest(name, file.readings)}")
+    return limits, file.readings.keys() - set(names)
 
 
-def _resolve(
-    name: str, bodies: dict[str, _Written], readings: dict[str, Reading], model: type[Inputs], based: tuple = ()
-) -> Reading:
-    """Return a reading, after the one that it is based on; `based` are those that are based on it in turn."""
-    if name in readings:
-        return readings[name]
-    place, body = bodies[name]
-    base = None
-    if body.based_on:
-        if body.based_on not in bodies:
-            problem = f"there is no reading {shown(body.based_on)}; {nearest(body.based_on, bodies)}"
-            raise InputError(f"{place / 'based_on'}: {problem}")
-        if body.based_on in (name, *based):
+class _Resolver:
+    """Makes the readings of a paper from what is written of them, each after the one that it is based on."""
+
+    def __init__(self, model: type[Inputs], root: Path, bodies: Mapping[str, tuple[Place, WrittenReading]]):
+        self._model, self._root, self._bodies = model, root, bodies
+        self.readings: dict[str, Reading] = {}
+        for name in bodies:
+            self._resolve(name)
+
+    def _resolve(self, name: str, above: tuple[str, ...] = ()) -> Reading:
+        """Return a reading; `above` are those that are based on it, directly or through others."""
+        if name in self.readings:
+            return self.readings[name]
+        (place, body), base, sections = self._bodies[name], None, {}
+        if body.based_on:
+            at, other = place / "based_on", body.based_on
+            if other not in self._bodies:
+                raise InputError(f"{at}: there is no reading {shown(other)}; {nearest(other, self._bodies)}")
+            if other in (name, *above):
+                problem = f"'{other}' is itself based on '{name}', directly or through others"
+                raise InputError(f"{at}: {problem}; name another reading")
+            base = self._resolve(other, (name, *above))
+        sources = dict(base.sources) if base else {}
+        for section, of in self._model.sections().items():
+            entries = getattr(body, section)
+            sources |= inputs_set(section, of, entries, name, place)
+            unchanged = base and not entries
+            sections[section] = getattr(base.inputs, section) if unchanged else self._section(section, sources, place)
+        for check in self._model.CHECKS:
+            try:
+                check(*(sections[parameter] for parameter in inspect.signature(check).parameters))
+            except ValueError as error:
+                raise InputError(f"{place}: {error}") from None
+        digest = _digest({key: source.value for key, source in sources.items()})
+        if body.frozen not in ("", digest):
             raise InputError(
-                f"{place / 'based_on'}: '{body.based_on}' is itself based on '{name}', directly or through others; "
-                "name another reading"
+                f"{place}: is frozen, and its inputs have changed (their digest is {digest}, not {body.frozen}); "
+                f"undo the change and write it into a reading of your own that is based_on: {name}"
             )
-        base = _resolve(body.based_on, bodies, readings, model, (name, *based))
-    readings[name] = _reading(name, bodies[name], base, model)
-    return readings[name]
+        inputs = self._model(**sections)
+        self.readings[name] = Reading(name, body.summary, body.based_on, body.frozen, inputs, sources)
+        return self.readings[name]
 
+    def limited(self, reading: Reading, limits: Mapping[str, Mapping[str, float]], place: Place) -> Reading:
+        """Return a reading with no input, and no number in one, above its limit."""
+        sections = {name: self._section(name, reading.sources, place, of) for name, of in limits.items()}
+        return replace(reading, inputs=reading.inputs.model_copy(update=sections))
 
-def _reading(name: str, written: _Written, base: Reading | None, model: type[Inputs]) -> Reading:
-    """Return a reading from what is written of it and the one that it is based on."""
-    place, body = written
-    sources = dict(base.sources) if base else {}
-    values = dict(base.written) if base else {}
-    sections = {}
-    for section, of in model.sections().items():
-        entries = getattr(body, section)
-        if base and not entries:
-            sections[section] = getattr(base.inputs, section)
-            continue
-        keys: dict[str, str] = {}
-        for key, entry in entries.items():
-            (target, factor), at = of.keys()[key], place / section / key
-            if entry.unit not in ("", unit := of.unit_of_key(key)):
-                raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
-            if keys.setdefault(target, key) != key:
-                raise InputError(f"{at}: '{target}' is set twice, also as '{keys[target]}'")
-            values[f"{section}.{target}"] = _in_si(entry.value, factor)
-            sources[f"{section}.{target}"] = Source(key, entry.value, entry.source, name)
-        sections[section] = _section(section, of, values, sources, place / section)
-    for check in model.CHECKS:
+    def _section(self, section: str, sources: Mapping[str, Source], place: Place, limits: Mapping = {}) -> Section:
+        of, place = self._model.sections()[section], place / section
+        if missing := [field for field in of.model_fields if f"{section}.{field}" not in sources]:
+            remedy = "give it, or name a complete reading under based_on"
+            raise InputError(f"{place}: '{missing[0]}' ({of.unit(missing[0])}) is missing; {remedy}")
+        values = {field: sources[f"{section}.{field}"].value for field in of.model_fields}
+        values |= {field: _lowered(values[field], limit) for field, limit in limits.items()}
         try:
-            check(*(sections[parameter] for parameter in _parameters(check)))
-        except ValueError as error:
-            raise InputError(f"{place}: {error}") from None
-    digest = _digest(values)
-    if body.frozen and body.frozen != digest:
-        raise InputError(
-            f"{place}: is frozen, and its inputs have changed (their digest is {digest}, not {body.frozen}); "
-            f"undo the change and write it into a reading of your own that is based_on: {name}"
-        )
-    return Reading(name, body.summary, body.based_on, body.frozen, model(**sections), values, sources)
-
-
-def _section(name: str, of: type[Section], values: dict, sources: dict[str, Source], place: Place) -> Section:
-    """Return a section from the values of a reading in SI."""
-    for field_name in of.model_fields:
-        if f"{name}.{field_name}" not in values:
-            raise InputError(
-                f"{place}: '{field_name}' ({of.unit(field_name)}) is missing; "
-                "give it, or name a complete reading under based_on"
-            )
-    try:
-        return of.model_validate({field_name: values[f"{name}.{field_name}"] for field_name in of.model_fields})
-    except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
+            return of.model_validate(values, context={"root": self._root})
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
         if not fault["loc"]:
-            raise InputError(f"{place}: {sentence(fault)}") from None
-        source = sources[f"{name}.{fault['loc'][0]}"]
-        raise InputError(f"{place / source.key}: {sentence(fault, source.written)}") from None
+            raise InputError(f"{place}: {sentence(fault)}")
+        field = fault["loc"][0]
+        source = sources[f"{section}.{field}"]
+        raise InputError(f"{place / source.key}: {sentence(fault, limits.get(field, source.written))}")
 
 
-@functools.cache
-def _parameters(check: Callable) -> tuple[str, ...]:
-    return tuple(inspect.signature(check).parameters)
+def inputs_set(
+    section: str, of: type[Section], entries: Mapping[str, Sourced], name: str, place: Place
+) -> dict[str, Source]:
+    """Return the inputs of a section that are written at a place, by "section.name"; `name` is what sets them."""
+    found: dict[str, Source] = {}
+    for key, entry in entries.items():
+        (field, factor, unit), at = of.keys()[key], place / section / key
+        if entry.unit not in ("", unit):
+            raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
+        source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
+        if (other := found.setdefault(f"{section}.{field}", source)) is not source:
+            raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
+    return found
 
 
-def _in_si(value: object, factor: float) -> object:
+def in_si(value: object, factor: float) -> object:
     """Return a value in SI; what is no number is left to its section to refuse."""
     if isinstance(value, list):
-        return [_in_si(entry, factor) for entry in value]
+        return [in_si(entry, factor) for entry in value]
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return value * factor if is_number and factor != 1.0 else value
 
 
-# --------------------------------------------------------------------------------------------------------------- sizes
-
-
-def _size(written: typing.Any, size: str, place: Place) -> tuple[dict[str, dict[str, float]], set[str]]:
-    """Return the limits of a size, by section, and the readings of the file that it does not compare."""
-    if size not in written.sizes:
-        raise InputError(
-            f"--config size={size}: {place.origin} defines no such size; {nearest(size, ['full', *written.sizes])}"
-        )
-    limits, place = written.sizes[size].model_dump(exclude_unset=True), place / "sizes" / size / "readings"
-    names = limits.pop("readings", list(written.readings))
-    if not {PRINTED, CORRECTED} <= set(names):
-        raise InputError(f"{place}: {shown(names)} is not a list of readings with printed and corrected")
-    for name in names:
-        if name not in written.readings:
-            raise InputError(f"{place}: there is no reading {shown(name)}; {nearest(name, written.readings)}")
-    return limits, set(written.readings) - set(names)
-
-
-def _limited(reading: Reading, limits: dict[str, dict[str, float]], place: Place) -> Reading:
-    """Return the reading with no input, and no number in one, above its limit."""
-    sections = {}
-    for section, numbers in limits.items():
-        values = getattr(reading.inputs, section)
-        smaller = {}
-        for name, limit in numbers.items():
-            value = getattr(values, name)
-            if value is None:
-                continue
-            entries = np.atleast_1d(value)
-            if entries.dtype.kind not in "if":
-                raise InputError(f"{place / section / name}: only numbers can be limited, but this is {shown(value)}")
-            if entries.dtype.kind == "i" and not limit.is_integer():
-                raise InputError(f"{place / section / name}: {shown(limit)} is not a whole number")
-            if entries.max() > limit:
-                lowered = np.minimum(value, entries.dtype.type(limit))
-                smaller[name] = lowered if isinstance(value, np.ndarray) else lowered.tolist()
-                if isinstance(value, tuple):
-                    smaller[name] = tuple(smaller[name])
-        sections[section] = values.model_copy(update=smaller)
-    return replace(reading, inputs=reading.inputs.model_copy(update=sections))
+def _lowered(value: object, limit: float) -> object:
+    """Return a number or a list of them with none above a limit; the section refuses a limit of anything else."""
+    if isinstance(value, list):
+        return [_lowered(entry, limit) for entry in value]
+    limit = int(limit) if limit.is_integer() else limit
+    return value if value is None else min(value, limit) if isinstance(value, int | float) else limit

@@ -10,17 +10,7 @@ import math
 import typing
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    Strict,
-    WithJsonSchema,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, Field, PlainSerializer, Strict, WithJsonSchema, field_validator
 
 # Suffixes under which a quantity of an SI unit may be written, with their factors.
 SUFFIXES = {
@@ -38,14 +28,7 @@ KNOWN_SUFFIXES = (
 
 # Limits of magnitudes in SI units: a number beyond them is a mistake, and overflows when it is squared.
 SMALLEST, LARGEST = 1e-30, 1e30
-LARGEST_ANGLE = 20 * math.pi  # rad; ten turns
-
-
-def _no_stand_in(value):
-    """Reject floats and booleans, which a Literal would accept as equal to a whole number."""
-    if isinstance(value, bool | float):
-        raise ValueError("Input should be a whole number, 1 or -1")
-    return value
+TEN_TURNS = 20 * math.pi  # rad
 
 
 # Strict: neither text nor true/false passes for a number.
@@ -55,7 +38,7 @@ NonNegative = typing.Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)
 Fraction = typing.Annotated[float, Strict(), Field(gt=0, lt=1)]
 Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]  # of flights in constant memory
 CountOrNone = typing.Annotated[int, Strict(), Field(ge=0, le=1_000_000_000)]
-Sign = typing.Annotated[typing.Literal[-1, 1], BeforeValidator(_no_stand_in)]
+Sign = typing.Literal[-1, 1]
 Seed = typing.Annotated[int, Strict(), Field(ge=0, lt=2**63)]
 
 
@@ -90,18 +73,10 @@ def covariance(size: int) -> type:
     """Return the type of a positive definite covariance (size, size), written whole or as its diagonal."""
 
     def check(value):
-        if len(value) != size:  # before a matrix is made of it
-            raise ValueError(
-                f"has size {len(value)}, must have size {size}: give {size} variances, or {size} rows of {size} numbers"
-            )
-        if all(isinstance(entry, float) for entry in value):
-            matrix = np.diag(np.array(value, dtype=float))
-        elif all(isinstance(row, tuple) and len(row) == len(value) for row in value):
-            matrix = np.array(value, dtype=float)
-        else:
+        rows = [row for row in value if isinstance(row, tuple)]
+        if len(value) != size or len(rows) not in (0, size) or any(len(row) != size for row in rows):
             raise ValueError(f"must be {size} variances, or {size} rows of {size} numbers")
-        if not np.all(np.isfinite(matrix)):
-            raise ValueError("has an entry that is not finite")
+        matrix = np.array(value, float) if rows else np.diag(np.array(value, float))
         asymmetry = np.abs(matrix - matrix.T)
         if np.any(asymmetry > 1e-12 * np.abs(matrix).max()):
             row, column = np.unravel_index(np.argmax(asymmetry), matrix.shape)
@@ -117,17 +92,13 @@ def covariance(size: int) -> type:
                 f"is not positive definite: its smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():g}; "
                 "give variances above zero and correlations between -1 and 1"
             )
-        return tuple(tuple(row) for row in matrix.tolist())
+        return matrix
 
-    entry = Number | tuple[Number, ...]
-    return typing.Annotated[tuple[entry, ...], AfterValidator(check), *ARRAY, WithJsonSchema(_covariance_schema(size))]
-
-
-def _covariance_schema(size: int) -> dict:
-    """The JSON Schema of a covariance (size, size), written whole or as its diagonal."""
     length = {"type": "array", "minItems": size, "maxItems": size}
     variances = {**length, "items": {"type": "number", "exclusiveMinimum": 0}}
-    return {"anyOf": [variances, {**length, "items": {**length, "items": {"type": "number"}}}]}
+    schema = {"anyOf": [variances, {**length, "items": {**length, "items": {"type": "number"}}}]}
+    entry = Number | tuple[Number, ...]
+    return typing.Annotated[tuple[entry, ...], AfterValidator(check), ARRAY[1], WithJsonSchema(schema)]
 
 
 def given(unit: str, meaning: str, **constraints):
@@ -135,30 +106,30 @@ def given(unit: str, meaning: str, **constraints):
     return Field(json_schema_extra={"unit": unit}, description=meaning, **constraints)
 
 
-class Section(BaseModel):
-    """Base of every section: no unknown keys, no changes after validation, no silent conversions."""
+class Key(typing.NamedTuple):
+    """What a key in a file sets: the input, the factor to SI, and the unit in which the value is written."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    name: str
+    factor: float
+    unit: str
+
+
+class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
+    """Base of every section: no unknown keys, no changes after validation, no silent conversions."""
 
     @field_validator("*")
     @classmethod
     def _plausible(cls, value, info):
-        if isinstance(value, np.ndarray) and value.ndim > 1:  # a tiny number in it may be the rounding of zero
-            if np.abs(value).max(initial=0.0) > LARGEST:
-                raise ValueError(f"has a number above {LARGEST:g}: check it and its unit")
+        numbers = np.asarray(value)
+        if numbers.dtype.kind != "f":
             return value
-        for number in np.ravel(value).tolist() if isinstance(value, np.ndarray | tuple) else [value]:
-            if not isinstance(number, float):
-                continue
-            if number and not SMALLEST <= abs(number) <= LARGEST:
-                raise ValueError(
-                    f"{number:g} is neither 0 nor between {SMALLEST:g} and {LARGEST:g}: check the number and its unit"
-                )
-            if cls.unit(info.field_name) == "rad" and abs(number) > LARGEST_ANGLE:
-                raise ValueError(
-                    f"{math.degrees(number):g} deg are more than ten turns, {math.degrees(LARGEST_ANGLE):g} deg: "
-                    "check the angle and its unit"
-                )
+        smallest = SMALLEST if numbers.ndim < 2 else 0.0  # a tiny number in a matrix may be the rounding of zero
+        sizes = np.abs(numbers)
+        for number in numbers[(sizes > LARGEST) | (sizes < smallest) & (sizes > 0)].flat:
+            limits = f"between {SMALLEST:g} and {LARGEST:g}"
+            raise ValueError(f"{number:g} is neither 0 nor {limits}: check the number and its unit")
+        if cls.unit(info.field_name) == "rad" and sizes.max(initial=0.0) > TEN_TURNS:
+            raise ValueError("is more than ten turns, 3600 deg: check the angle and its unit")
         return value
 
     @classmethod
@@ -168,22 +139,16 @@ class Section(BaseModel):
 
     @classmethod
     @functools.cache
-    def keys(cls) -> dict[str, tuple[str, float]]:
-        """Return every key that a file may use, with the input it sets and the factor to SI."""
+    def keys(cls) -> dict[str, Key]:
+        """Return what every key that a file may use sets."""
         accepted = {}
         for name in cls.model_fields:
             unit = cls.unit(name)
             if unit not in SUFFIX_ONLY:
-                accepted[name] = (name, 1.0)
+                accepted[name] = Key(name, 1.0, unit)
             for suffix, factor in SUFFIXES.get(unit, {}).items():
-                accepted[name + suffix] = (name, factor)
+                accepted[name + suffix] = Key(name, factor, suffix[1:].replace("_", "/"))
         return accepted
-
-    @classmethod
-    def unit_of_key(cls, key: str) -> str:
-        """Return the unit in which the value of a key is written, such as km of `entry_altitude_km`."""
-        name, _ = cls.keys()[key]
-        return cls.unit(name) if key == name else key.removeprefix(f"{name}_").replace("_", "/")
 
     @classmethod
     def from_plain(cls, values: typing.Mapping[str, object]) -> typing.Self:
@@ -209,10 +174,8 @@ class Section(BaseModel):
         return type(self) is type(other) and self.model_dump() == other.model_dump()
 
 
-class Inputs(BaseModel):
+class Inputs(BaseModel, extra="forbid", frozen=True, defer_build=True):
     """Base of all inputs of a paper or scenario: its sections, each a class of its own."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     # Monte Carlo ensembles, with the input "section.name" that holds their number of trials.
     CASES: typing.ClassVar[dict[str, str]] = {}
@@ -232,8 +195,14 @@ class Inputs(BaseModel):
     @classmethod
     def unit(cls, name: str) -> str:
         """Return the SI unit of an input "section.name"."""
-        section, _, field = name.partition(".")
-        return cls.sections()[section].unit(field)
+        section, name = name.split(".")
+        return cls.sections()[section].unit(name)
+
+    @classmethod
+    def meaning(cls, name: str) -> str:
+        """Return what an input "section.name" is."""
+        section, name = name.split(".")
+        return cls.sections()[section].model_fields[name].description
 
     @classmethod
     def from_plain(cls, values: typing.Mapping[str, object]) -> typing.Self:
@@ -241,16 +210,9 @@ class Inputs(BaseModel):
         plain = by_section(values)
         return cls.model_construct(**{name: of.from_plain(plain[name]) for name, of in cls.sections().items()})
 
-    @classmethod
-    def meaning(cls, name: str) -> str:
-        """Return what an input "section.name" is."""
-        section, _, field = name.partition(".")
-        return cls.sections()[section].model_fields[field].description
-
     def get(self, name: str) -> typing.Any:
         """Return an input by "section.name"."""
-        section, _, field = name.partition(".")
-        return getattr(getattr(self, section), field)
+        return functools.reduce(getattr, name.split("."), self)
 
     def plain(self) -> dict[str, object]:
         """Return all inputs by "section.name", as numbers, strings and nested lists."""

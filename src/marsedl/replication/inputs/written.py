@@ -3,9 +3,8 @@
 import functools
 import re
 import typing
-from dataclasses import dataclass
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Strict, WithJsonSchema, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, GetPydanticSchema, Strict, WithJsonSchema, create_model
 
 from marsedl.replication.errors import nearest
 from marsedl.replication.inputs import CORRECTED, PRINTED
@@ -15,6 +14,7 @@ from marsedl.replication.inputs.sections import KNOWN_SUFFIXES, Inputs, Section
 READ_AS_MISSING = ("nan", "null")  # by pandas, in tables; it is not imported here, which takes time
 _NAME = "^[a-z][a-z0-9_]{0,39}$"
 _COMMON_SOURCE = "of all inputs of this section that name none, such as 'Eq. 51' or 'assumed: why'"
+_OF_THE_INPUT = ("title", "unit", "description", "default")  # and not of its value
 _BOUNDS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
 
 
@@ -41,7 +41,6 @@ Source = typing.Annotated[
 Limit = typing.Annotated[float, Strict(), Field(gt=0)]
 Chunks = typing.Annotated[int, Strict(), Field(ge=1, le=100_000)]
 _NO_OTHERS = {"additionalProperties": False}  # than those whose names have the pattern
-_CONTAIN_BOTH = {"allOf": [{"contains": {"const": name}} for name in (PRINTED, CORRECTED)]}
 
 
 class Sourced(Keys):
@@ -58,10 +57,9 @@ def _complete(schema: dict) -> None:
     schema |= {"if": {"not": {"required": ["based_on"]}}, "then": {"required": sections}}
 
 
-class WrittenReading(Keys):
+class WrittenReading(Keys, json_schema_extra=_complete):
     """Base of a reading as it is written: what it is for, and the inputs that it sets, by section."""
 
-    model_config = ConfigDict(json_schema_extra=_complete)
     inputs: typing.ClassVar[type[Inputs]]
     summary: str = Field("", description="in a sentence, what the reading is for")
     based_on: Name | None = Field(
@@ -90,7 +88,7 @@ class Settings(Keys):
 
 def _section_of(key: str, inputs: type[Inputs]) -> str:
     """Return the name of the section in which a key belongs; empty if it belongs in none."""
-    return next((name for name, section in inputs.sections().items() if section.keys().get(key)), "")
+    return next((name for name, section in inputs.sections().items() if key in dict(section.keys())), "")
 
 
 def _section(section: type[Section], inputs: type[Inputs]) -> typing.Any:
@@ -100,56 +98,44 @@ def _section(section: type[Section], inputs: type[Inputs]) -> typing.Any:
     def known(key: str) -> str:
         if key in accepted:
             return key
-        for name in section.model_fields:
+        for way, (name, _, _) in accepted.items():
             suffix = key.removeprefix(name)
-            if key == name or (key.startswith(f"{name}_") and suffix in KNOWN_SUFFIXES):
+            if key == name or (key.startswith(name) and suffix in KNOWN_SUFFIXES):
                 problem = f"has the wrong unit suffix '{suffix}'" if suffix else "needs its unit in its name"
-                way = next(way for way, (target, _) in accepted.items() if target == name)
                 raise ValueError(f"{problem}; the unit is {section.unit(name)}, write '{way}'")
         other = _section_of(key, inputs)
         remedy = f"it stands in the section '{other}'" if other else nearest(key, [*accepted, "source"])
         raise ValueError(f"unknown key; {remedy}")
 
+    def handed_down(body: typing.Any) -> typing.Any:  # the source of the section, to all inputs that name none
+        if not isinstance(body, dict) or "source" not in body:
+            return body
+        common = {"source": body["source"]}
+        return {k: common | entry if isinstance(entry, dict) else entry for k, entry in body.items() if k != "source"}
+
     key = typing.Annotated[str, AfterValidator(known)]
-    return typing.Annotated[dict[key, Sourced], BeforeValidator(_hand_down), _SectionSchema(section)]
+    schema = GetPydanticSchema(get_pydantic_json_schema=functools.partial(_section_schema, section))
+    return typing.Annotated[dict[key, Sourced], BeforeValidator(handed_down), schema]
 
 
-def _hand_down(body: typing.Any) -> typing.Any:
-    """Give the source of a section to all of its inputs that name none."""
-    if not isinstance(body, dict) or "source" not in body:
-        return body
-    common = {"source": body["source"]}
-    entries = {key: entry for key, entry in body.items() if key != "source"}
-    return {key: common | entry if isinstance(entry, dict) else entry for key, entry in entries.items()}
-
-
-@dataclass(frozen=True)
-class _SectionSchema:
-    """Gives the type of a section its JSON Schema: every key, with the unit that it implies and bounds in that unit."""
-
-    section: type[Section]
-
-    def __get_pydantic_json_schema__(self, core, handler):
-        entry = dict(handler.resolve_ref_schema(handler(core)["additionalProperties"]))
-        entry.pop("title")
-        source = entry["properties"]["source"] | {"description": _COMMON_SOURCE}
-        accepted = self.section.keys()
-        return {
-            "type": "object",
-            "description": " ".join((self.section.__doc__ or "").split()),
-            "properties": {"source": source, **{key: self._sourced(key, entry) for key in accepted}},
-            "additionalProperties": False,
-            "anyOf": [{"required": ["source"]}, {"additionalProperties": {"required": ["source"]}}],
-        }
-
-    def _sourced(self, key: str, entry: dict) -> dict:
-        (name, factor), unit = self.section.keys()[key], self.section.unit_of_key(key)
-        of = self.section.model_json_schema()["properties"][name]
-        value = {k: _in_unit(v, factor) for k, v in of.items() if k not in ("title", "unit", "description", "default")}
+def _section_schema(section: type[Section], core, handler) -> dict:
+    """Return the JSON Schema of a section: every key, with the unit that it implies and bounds in that unit."""
+    entry = dict(handler.resolve_ref_schema(handler(core)["additionalProperties"]))
+    del entry["title"]
+    parts, of = entry["properties"], section.model_json_schema()["properties"]
+    keys = {"source": {**parts["source"], "description": _COMMON_SOURCE}}
+    for key, (name, factor, unit) in section.keys().items():
+        value = {k: _in_unit(v, factor) for k, v in of[name].items() if k not in _OF_THE_INPUT}
         value["description"] = "its value" if unit == "1" else f"its value, {unit}"
-        keys = entry["properties"]
-        meaning = {"description": self.section.model_fields[name].description, "required": ["value"]}
-        return {**entry, **meaning, "properties": {**keys, "value": value, "unit": {**keys["unit"], "const": unit}}}
+        properties = {**parts, "value": value, "unit": {**parts["unit"], "const": unit}}
+        keys[key] = {**entry, "description": of[name]["description"], "required": ["value"], "properties": properties}
+    return {
+        "type": "object",
+        "description": " ".join((section.__doc__ or "").split()),
+        "properties": keys,
+        "additionalProperties": False,
+        "anyOf": [{"required": ["source"]}, {"additionalProperties": {"required": ["source"]}}],
+    }
 
 
 def _in_unit(schema: typing.Any, factor: float) -> typing.Any:
@@ -162,7 +148,7 @@ def _in_unit(schema: typing.Any, factor: float) -> typing.Any:
 
 
 @functools.cache
-def written_readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
+def _readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
     """Return the type of the readings of a paper, by name."""
     sections = {name: (_section(of, inputs), Field({})) for name, of in inputs.sections().items()}
     reading = create_model(
@@ -172,15 +158,13 @@ def written_readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
     return dict[Name, reading]
 
 
-def own_readings(inputs: type[Inputs]) -> type[Keys]:
-    """Return the model of a paper's part of a user's own configuration."""
-    readings = Field(description="readings of your own, by new names", json_schema_extra=_NO_OTHERS)
-    return create_model(f"OwnReadingsOf{inputs.__name__}", __base__=Keys, readings=(written_readings(inputs), readings))
-
-
-def own_configuration(parts: dict[str, typing.Any]) -> type[Settings]:
-    """Return the model of a user's own configuration, of papers by slug with the types of their parts."""
-    fields = {slug: (part, Field(None, description=f"of the paper {slug}")) for slug, part in parts.items()}
+def own_configuration(models: dict[str, type[Inputs]]) -> type[Settings]:
+    """Return the model of a user's own configuration for papers by slug."""
+    own = Field(description="readings of your own, by new names", json_schema_extra=_NO_OTHERS)
+    fields = {}
+    for slug, inputs in models.items():
+        part = create_model(f"OwnReadingsOf{inputs.__name__}", __base__=Keys, readings=(_readings(inputs), own))
+        fields[slug] = part, Field(None, description=f"of the paper {slug}")
     return create_model("Own", __base__=Settings, __doc__="Readings of your own, for --configfile.", **fields)
 
 
@@ -188,19 +172,22 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
     """Return the model of a paper's configuration: readings, chunks and smaller sizes."""
     case = Field(description="into how many jobs the trials of this case are divided")
     chunks = create_model("Chunks", __base__=Keys, **dict.fromkeys(inputs.CASES, (Chunks, case)))
-    section = "by input, the number that no number of the input may exceed"
+    section = Field({}, description="by input, the number that no number of the input may exceed")
     limits = {
-        name: (dict[typing.Literal[tuple(of.model_fields)], Limit], Field({}, description=section))
-        for name, of in inputs.sections().items()
+        name: (dict[typing.Literal[tuple(of.model_fields)], Limit], section) for name, of in inputs.sections().items()
     }
     meaning = "the readings in which claims are evaluated; all unless given"
-    compared = list[str], Field(None, description=meaning, json_schema_extra=_CONTAIN_BOTH)
+    both = {"allOf": [{"contains": {"const": name}} for name in (PRINTED, CORRECTED)]}
+    compared = list[str], Field(None, description=meaning, json_schema_extra=both)
     size = create_model("Size", __base__=Keys, readings=compared, **limits)
     by_name = Field(description="the paper's readings by name", json_schema_extra=_NO_OTHERS)
     return create_model(
         "Configuration",
         __base__=Keys,
-        readings=(written_readings(inputs), by_name),
-        chunks=(chunks, Field(description="jobs of each case") if inputs.CASES else Field({}, description="none")),
+        readings=(_readings(inputs), by_name),
+        chunks=(
+            chunks,
+            Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none"),
+        ),
         sizes=(dict[str, size], Field({}, description="smaller sizes of a build by name, for --config size=NAME")),
     )

@@ -21,15 +21,11 @@ def stage(*, claimed_in: tuple[str, ...] = (), priority: int = 0) -> Callable:
 
 @dataclass(frozen=True)
 class Stage:
-    """One cached computation, as its function declares it.
+    """One cached computation, as its function declares it."""
 
-    `entries` are its functions, "package.module:function"; what the first returns is the only chunk that the next one
-    gathers. `inputs` are the names of the inputs that they read, `needs` the artifacts that they take.
-    """
-
-    entries: tuple[str, ...]
-    inputs: tuple[str, ...]
-    needs: tuple[str, ...]
+    entries: tuple[str, ...]  # "package.module:function"; what the first returns, the next one gathers
+    inputs: tuple[str, ...]  # that they read
+    needs: tuple[str, ...]  # artifacts that they take
     meaning: str
     claimed_in: tuple[str, ...] = ()
     priority: int = 0
@@ -37,18 +33,15 @@ class Stage:
 
 @dataclass(frozen=True)
 class Product:
-    """One figure or table: its caption, and whether it goes beyond the paper.
-
-    Its function declares the rest: the artifacts that it takes, the inputs that it reads, and whether it shows printed
-    values, so that it is made again when these change.
-    """
+    """One figure or table: its caption, whether it goes beyond the paper, and what its function declares."""
 
     caption: str
     beyond: bool = False
-    needs: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()  # artifacts that it takes
     optional: tuple[str, ...] = ()  # taken where the reading has them
-    inputs: tuple[str, ...] = ()
-    published: bool = False
+    inputs: tuple[str, ...] = ()  # that it reads
+    published: bool = False  # whether it shows printed values
+    claims: tuple[str, ...] = ()  # ids of those that are about a figure of the paper
 
 
 class Flown(NamedTuple):
@@ -69,23 +62,33 @@ class Trial(NamedTuple):
     stored: object = None  # the ensemble that it is compared with
 
 
+class Solve(NamedTuple):
+    """The fields in which an artifact says how an iterative solver ended.
+
+    `ended` holds a word for each solve, or whether it converged. `what` says what is solved, if not the artifact.
+    """
+
+    artifact: str
+    ended: str
+    iterations: str = ""
+    residual: str = ""
+    what: str = ""
+
+
 class Artifacts:
     """Base of a dataclass of artifacts, for a function that takes many; its fields are named as stages and cases."""
 
 
 @dataclass(frozen=True)
 class Erratum:
-    """A slip or gap in the printed paper: what is printed, the evidence against it, what is used instead.
-
-    `title` says it in a few words; `kept_by` are the readings that keep what is printed.
-    """
+    """An error or gap in the printed paper: what is printed, the evidence against it, what is used instead."""
 
     id: str
     printed: str
     evidence: str
     used: str
-    title: str = ""
-    kept_by: tuple[str, ...] = ()
+    title: str = ""  # in a few words
+    kept_by: tuple[str, ...] = ()  # the readings that keep what is printed
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Paper:
     our words what each figure of the paper shows and what the paper finds in it; captions say what is drawn here.
     `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
     that shows it.
-    `closeups` are plots of the report that a reader can look into.
+    `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
     compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
     data/reference/benchmarks.csv.
@@ -112,6 +115,7 @@ class Paper:
     summaries: dict[str, str] = field(default_factory=dict)
     described: dict[str, str] = field(default_factory=dict)
     closeups: tuple[str, ...] = ()
+    solves: tuple[Solve, ...] = ()
     errata: tuple[Erratum, ...] = ()
     question: str = ""
     in_short: tuple[str, ...] = ()

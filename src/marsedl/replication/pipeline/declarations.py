@@ -12,15 +12,19 @@ A stage has the name of its module if its function is called `compute`, else the
 the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.inputs.sections import Inputs, Section
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage, entry_of
 from marsedl.replication.pipeline.fingerprints import Fingerprints
+
+if TYPE_CHECKING:
+    from marsedl.replication.inputs.sections import Inputs, Section
 
 STAGE, PUBLISHED = "stage", "published"
 _PARTS = {f"{FLIGHTS}:simulate": CHUNK, f"{FLIGHTS}:gather": GATHER}
@@ -39,18 +43,9 @@ class Taken(NamedTuple):
 def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
     """Return a catalogue with its stages, and its products with what they are made from.
 
-    Args:
-        paper: the catalogue as it is written.
-        model: the paper's inputs, with its Monte Carlo cases.
-        digests: what reads the source.
-
-    Raises:
-        InputError: a parameter is not a section, stage or case, or stages depend on each other in a circle.
-
+    Raises InputError if a parameter is not a section, stage or case, or if stages depend on each other in a circle.
     """
-    package = f"marsedl.papers.{paper.slug}"
-    functions = digests.functions(package)
-    entries = {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
+    functions, entries = digests.functions(f"marsedl.papers.{paper.slug}"), stage_entries(paper.slug, digests)
 
     def taken_of(entry: str) -> Taken:
         if entry not in functions:
@@ -58,68 +53,55 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
         return taken_by(entry, functions[entry]["parameters"], model, entries, digests)
 
     def stage_of(entry: str) -> Stage:
-        settings, takes = functions[entry]["decorators"][STAGE], taken_of(entry)
-        return Stage((entry,), takes.inputs, takes.needs, functions[entry]["summary"].rstrip("."), **settings)
+        takes, function = taken_of(entry), functions[entry]
+        settings, meaning = function["decorators"][STAGE], function["summary"].rstrip(".")
+        return Stage((entry,), takes.inputs, takes.needs, meaning, **settings)
 
-    def product_of(kind: str, stem: str, product: Product) -> Product:
-        takes = taken_of(entry_of(paper.slug, kind, stem))
-        return replace(
-            product,
-            needs=takes.needs,
-            optional=takes.optional,
-            inputs=takes.inputs,
-            published=PUBLISHED in takes.others,
-        )
+    def products_of(kind: str) -> dict[str, Product]:
+        products = {}
+        for stem, product in getattr(paper, kind).items():
+            inputs, needs, optional, others = taken_of(entry_of(paper.slug, kind, stem))
+            shows_printed = PUBLISHED in others
+            products[stem] = replace(product, inputs=inputs, needs=needs, optional=optional, published=shows_printed)
+        return products
 
     stages = {name: stage_of(entry) for name, entry in entries.items()}
     if CHUNK in stages:
         stages[FLIGHTS] = _whole_case(stages[CHUNK], stages[GATHER])
-    return replace(
-        paper,
-        stages={name: stages[name] for name in _in_order(paper.slug, stages)},
-        figures={stem: product_of("figures", stem, product) for stem, product in paper.figures.items()},
-        tables={stem: product_of("tables", stem, product) for stem, product in paper.tables.items()},
-    )
+    in_order = {name: stages[name] for name in _in_order(paper.slug, stages)}
+    return replace(paper, stages=in_order, figures=products_of("figures"), tables=products_of("tables"))
+
+
+def stage_entries(slug: str, digests: Fingerprints) -> dict[str, str]:
+    """Return the functions of a paper that are stages, by the names of the stages."""
+    functions = digests.functions(f"marsedl.papers.{slug}")
+    return {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
 
 
 def taken_by(
-    entry: str,
-    parameters: Mapping[str, bool],
-    model: type[Inputs],
-    stages: Iterable[str],
-    digests: Fingerprints,
+    entry: str, parameters: Mapping[str, bool], model: type[Inputs], stages: Iterable[str], digests: Fingerprints
 ) -> Taken:
-    """Return what a function takes.
+    """Return what a function "package.module:function" takes; its parameters are True if they may be left out.
 
-    Args:
-        entry: the function, "package.module:function".
-        parameters: its parameters; True for one that may be left out.
-        model: the inputs of the paper whose sections it takes.
-        stages: the paper's stages.
-        digests: what reads the source.
-
-    Raises:
-        InputError: a parameter is not a section, stage or case.
-
+    Raises InputError if a parameter is not a section of the model, a stage of the paper, or a case.
     """
-    sections, needs, others_taken = model.sections(), {False: [], True: []}, []
+    sections, needs, others = model.sections(), {False: [], True: []}, []
     for parameter, optional in parameters.items():
         if parameter in OTHERS:
-            others_taken.append(parameter)
+            others.append(parameter)
         elif parameter in model.CASES or parameter in stages:
             needs[optional].append(f"{FLIGHTS}.{parameter}" if parameter in model.CASES else parameter)
         elif parameter not in sections:
-            valid_names = [*sections, *stages, *model.CASES]
-            raise InputError(
-                f"{entry}: the parameter '{parameter}' is not a section, stage or case; "
-                f"{nearest(parameter, valid_names)}"
-            )
+            near = nearest(parameter, [*sections, *stages, *model.CASES])
+            raise InputError(f"{entry}: the parameter '{parameter}' is not a section, stage or case; {near}")
     inputs = tuple(sorted(inputs_read(digests.reads(entry), sections)))
-    return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others_taken))
+    return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others))
 
 
 def inputs_read(reads: Mapping[str, list[str]], sections: Mapping[str, type[Section]]) -> Iterator[str]:
     """Yield "section.name" of the inputs that code reads; reads: what it reads of parameters, by names of types."""
+    from marsedl.replication.inputs.sections import Section  # here, as it takes long to import
+
     for section, of in sections.items():
         names = {kind.__name__ for kind in of.__mro__ if issubclass(kind, Section) and kind is not Section}
         read = {attribute for name in names for attribute in reads.get(name, ())}

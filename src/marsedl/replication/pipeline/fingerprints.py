@@ -1,23 +1,17 @@
 """Fingerprints of code: which definitions a function reaches, a digest of them, and which inputs they read.
 
 Snakemake sees an edited script, but not an edited module that the script imports. A fingerprint in a rule's params
-closes the gap. It covers every module-level definition inside the source folder that a function reaches through names
-and imports, without comments, docstrings and formatting: an edit of shared physics reruns its users, an edit of its
-neighbour in the same file or of a comment reruns nothing.
+closes the gap: an edit of shared physics reruns its users, an edit of its neighbour in the same file or of a comment
+reruns nothing. A function reaches
 
-What counts:
+- every definition of its module (function, class, assignment, import) that it names: in its body, decorators, default
+  arguments and annotations, but for names of its parameters; what these name in turn; and the same in other modules,
+  through absolute imports, also inside functions and through re-exports. A module passed on as an object counts whole;
+- what the modules of these, and their packages, do at import (`np.seterr(...)`, `TABLE["x"] = f`, `if`, loops).
 
-- the function itself and, transitively, every module-level definition (function, class, assignment) whose name occurs
-  in something that counts: in its body, decorators, default arguments, base classes, annotations;
-  a parameter hides the module's definition of its name;
-- names from other modules, through every absolute import, also inside functions and through re-exports; a module that
-  is passed on as an object counts whole;
-- of every imported module the statements that do something at import (`np.seterr(...)`, `TABLE["x"] = f`, `if`, `try`,
-  loops), with what they reference.
-
-What does not count is the machinery around the science, `MACHINERY`, which loads, saves and reports; `recipes.FORMAT`
-stands for it. Modules named by strings (`importlib.import_module(name)`) cannot be seen, nor functions that are reached
-only because their decorator entered them into a table.
+Names in strings cannot be seen, nor functions that are reached only because their decorator entered them into a table,
+nor what a module does at import if none of its names is used. The machinery around the science, `MACHINERY`, which
+loads, saves and reports, does not count: `recipes.FORMAT` stands for it.
 
 Only the standard library is imported here, because the Snakefile calls this on every run.
 """
@@ -34,36 +28,49 @@ from pathlib import Path
 from typing import NamedTuple
 
 from marsedl.replication.errors import InputError, MarsedlError, nearest
+from marsedl.replication.files import write_text
 
+PACKAGE = "marsedl"
 SOURCE_ROOT = Path(__file__).parents[3]
 MACHINERY = frozenset(
-    f"marsedl.replication.{name}"
+    f"{PACKAGE}.replication.{name}"
     for name in (
         *("errors", "files", "terminal", "records.fields", "records.store", "records.recipes", "records.differences"),
         *("pipeline.fingerprints", "pipeline.kernel_cache", "pipeline.numerics", "pipeline.libraries"),
         *("pipeline.sharing", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
     )
 )
-_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-_IMPORTS = (ast.Import, ast.ImportFrom)
+AT_IMPORT = "(at import)"  # the name of statements that act when their module is imported
+
+Place = tuple[str, str]  # a module, and a dotted name in it; no name: the whole module, or a library
+
+
+class Module(NamedTuple):
+    """A source file, without docstrings."""
+
+    functions: dict[str, dict]  # what they declare
+    definitions: dict[str, list[ast.stmt]]
+    imports: dict[str, list[str]]  # the absolute dotted names that a name is bound to
+
+
+NOTHING = Module({}, {}, {})
 
 
 class Fingerprints:
     """The fingerprints of a source folder; `save` keeps them in a file until a source file or a script changes.
 
-    They are stored under a hash of all files and of the version of Python, so a stale memory is never used.
     An entry is a function, "package.module:function", or a whole script of the workflow, "stage.py".
     Methods raise InputError for an entry that does not exist, and MarsedlError for a file that is not valid Python.
     """
 
     def __init__(self, memory: Path, source_root: Path, scripts: Path):
         """Take the file that remembers, the folder of the package and that of the scripts."""
-        self._memory, self.source_root, self._scripts = memory, Path(source_root), scripts
-        self._key, self._known, self._modules = self._key_now(), {}, {}
+        self._memory, self._root, self._scripts = memory, source_root, scripts
+        self._module = cache(self._read_module)
+        self._behind: dict[Place, list[Place]] = {}
+        self._key, self._known = self._key_now(), {}
         with contextlib.suppress(OSError, ValueError, LookupError, TypeError):  # nothing remembered that can be used
-            remembered = json.loads(memory.read_text(encoding="utf-8"))
-            if remembered["key"] == self._key:
-                self._known = dict(remembered["known"])
+            self._known = dict(json.loads(memory.read_text(encoding="utf-8"))[self._key])
         self._saved = len(self._known)
 
     def code(self, entry: str) -> str:
@@ -83,27 +90,25 @@ class Fingerprints:
         return self._facts(entry)[2]
 
     def symbols(self, entry: str) -> list[str]:
-        """Sorted "module:symbol" of all that an entry reaches; what runs at import is "module:(at import)"."""
-        return self._reached(entry).listing()
+        """Sorted "module:name" of all definitions that an entry reaches; what runs at import is named AT_IMPORT."""
+        return sorted(self._reached(entry)[0])
 
     def kernels(self) -> str:
         """SHA-256 of all code that numba's cached kernels reach, see `compiled`."""
-        return self._of("kernels", lambda: self._reached(*self.compiled()).digest())
+        return self._of("kernels", lambda: _digest(*self._reached(*self.compiled())[:2]))
 
     def compiled(self) -> list[str]:
-        """Return the entries that numba compiles and caches.
+        """Return the functions that numba compiles and caches.
 
         They are decorated with `njit(..., cache=True)`, or with a function of their module that calls `njit`.
         """
         found = []
-        for path in sorted(self.source_root.rglob("*.py")):
-            name = ".".join(path.relative_to(self.source_root).with_suffix("").parts).removesuffix(".__init__")
-            module = _parsed(name, path)
-            calling = {s.name for s in module.statements if isinstance(s, _FUNCTIONS) and ("njit",) in _uses(s).chains}
-            for function, signature in module.signatures.items():
+        for module_name, module in self._modules(f"{PACKAGE}/**/*.py"):
+            calling = {name for name in module.functions if "njit" in _uses(module.definitions[name][-1])[0]}
+            for name, signature in module.functions.items():
                 decorators = signature["decorators"]
                 if decorators.get("njit", {}).get("cache") or calling & decorators.keys():
-                    found.append(f"{name}:{function}")
+                    found.append(f"{module_name}:{name}")
         return found
 
     def functions(self, package: str) -> dict[str, dict]:
@@ -113,33 +118,18 @@ class Fingerprints:
         (the first line of its docstring) and `decorators` (their literal arguments by their names).
         """
 
-        def declared():
-            paths = sorted(self.source_root.joinpath(*package.split(".")).glob("*.py"))
-            names = [package if path.stem == "__init__" else f"{package}.{path.stem}" for path in paths]
-            modules = map(_parsed, names, paths)
-            return {f"{module.name}:{name}": of for module in modules for name, of in module.signatures.items()}
+        def declared() -> dict[str, dict]:
+            modules = self._modules(f"{package.replace('.', '/')}/*.py")
+            return {f"{name}:{function}": of for name, module in modules for function, of in module.functions.items()}
 
         return self._of(f"functions {package}", declared)
 
-    def module(self, name: str) -> "_Module | None":
-        """The module of this name if it lies in the source folder and counts."""
-        if name not in self._modules:
-            place = self.source_root.joinpath(*name.split("."))
-            paths = [place / "__init__.py", place.with_name(f"{place.name}.py")] if name else []
-            path = next((path for path in paths if path.is_file()), None)
-            self._modules[name] = None if path is None or name in MACHINERY else _parsed(name, path)
-        return self._modules[name]
-
     def save(self) -> None:
         """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
-        if len(self._known) == self._saved or self._key_now() != self._key:
-            return
-        with contextlib.suppress(OSError):
-            self._memory.parent.mkdir(parents=True, exist_ok=True)
-            partial = self._memory.with_name(f"{self._memory.name}.{os.getpid()}")  # as others may read it
-            partial.write_text(json.dumps({"key": self._key, "known": self._known}), encoding="utf-8")
-            partial.replace(self._memory)
-            self._saved = len(self._known)
+        if len(self._known) > self._saved and self._key_now() == self._key:
+            with contextlib.suppress(OSError):
+                write_text(self._memory, json.dumps({self._key: self._known}))
+                self._saved = len(self._known)
 
     def _of(self, name, compute):
         if name not in self._known:
@@ -148,238 +138,234 @@ class Fingerprints:
 
     def _facts(self, entry: str) -> tuple[str, list[str], dict[str, list[str]]]:
         def facts():
-            reached = self._reached(entry)
-            return reached.digest(), sorted(reached.libraries), reached.reads()
+            definitions, imports, libraries = self._reached(entry)
+            return _digest(definitions, imports), sorted(libraries), _read(definitions)
 
         return self._of(f"code {entry}", facts)
 
-    def _reached(self, *entries: str) -> "_Reached":
-        reached = _Reached(self)
-        for entry in entries:
-            if entry.endswith(".py"):
-                reached.add_script(_parsed(entry, self._scripts / entry))
-                continue
-            name, _, symbol = entry.partition(":")
-            module = self.module(name)
-            if module is None:
-                raise InputError(f"{entry}: there is no module '{name}' in {self.source_root}: correct its name")
-            names = {*module.definitions, *module.imports}
-            if symbol not in names:
-                raise InputError(
-                    f"{entry}: {module.path} defines no '{symbol}'; {nearest(symbol, names)}; name it as "
-                    "'package.module:function'"
-                )
-            reached.follow(name, (symbol,))
-        return reached
-
     def _key_now(self) -> str:
         hasher = hashlib.sha256(sys.version.encode())
-        package = self.source_root / "marsedl"  # an installed one has others beside it
-        for folder in (package if package.is_dir() else self.source_root, self._scripts):
-            for path in sorted(folder.rglob("*.py")):
-                content = path.read_bytes()
-                hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
+        for path in sorted([*self._root.glob(f"{PACKAGE}/**/*.py"), *self._scripts.glob("*.py")]):
+            content = path.read_bytes()
+            hasher.update(f"{os.path.relpath(path, self._root)} {len(content)}\n".encode() + content)
         return hasher.hexdigest()
+
+    def _modules(self, pattern: str) -> Iterator[tuple[str, Module]]:
+        for path in sorted(self._root.glob(pattern)):
+            name = ".".join(path.relative_to(self._root).with_suffix("").parts)
+            yield name.removesuffix(".__init__"), _parsed(path, path.read_bytes())
+
+    def _read_module(self, name: str) -> Module | None:
+        """A module of the source that counts, or a script; None for any other."""
+        place = self._root.joinpath(*name.split("."))
+        paths = [self._scripts / name] if name.endswith(".py") else [place / "__init__.py", Path(f"{place}.py")]
+        path = next((path for path in paths if name and name not in MACHINERY and path.is_file()), None)
+        return path and _parsed(path, path.read_bytes())
+
+    def _reached(self, *entries: str) -> tuple[dict[str, list[ast.stmt]], set[str], set[str]]:
+        """All that entries reach: definitions by "module:name", imports, and top-level modules of libraries."""
+        definitions, imports, libraries = {}, set(), set()
+        pending, seen = [self._entry(entry) for entry in entries], set()
+        while pending:
+            if (place := pending.pop()) in seen:
+                continue
+            seen.add(place)
+            if place not in self._behind:
+                self._behind[place] = list(self._references(*place))
+            pending += self._behind[place]
+            name, first, module = place[0], place[1].partition(".")[0], self._module(place[0])
+            if module is None:
+                libraries.add(name)
+                continue
+            imports.update(f"{name}:{first} = {target}" for target in module.imports.get(first, ()))
+            if first in module.definitions:
+                definitions[f"{name}:{first}"] = module.definitions[first]
+        return definitions, imports, libraries
+
+    def _entry(self, entry: str) -> Place:
+        name, _, symbol = entry.partition(":")
+        symbol = AT_IMPORT if name.endswith(".py") else symbol
+        module = self._module(name) or NOTHING
+        if symbol not in (known := module.definitions | module.imports):
+            raise InputError(f"{entry}: there is no such function in {self._root}; {nearest(symbol, known)}")
+        return name, symbol
+
+    def _references(self, name: str, symbol: str) -> Iterator[Place]:
+        """What a dotted name of a module refers to; no name stands for all of the module."""
+        module, (first, _, rest) = self._module(name) or NOTHING, symbol.partition(".")
+        symbols = module.definitions | module.imports
+        yield from ((name, other) for other in symbols if other == AT_IMPORT or not symbol)
+        for target in module.imports.get(first, ()):
+            yield from self._places(target, rest)
+        for statement in module.definitions.get(first, ()):
+            names, imports = _uses(statement)
+            for used in names:
+                first, _, rest = used.partition(".")
+                if first in symbols:
+                    yield name, used
+                for target in (target for bound, target in imports if bound == first):
+                    yield from self._places(target, rest)
+
+    def _places(self, target: str, rest: str) -> Iterator[Place]:
+        """Where an absolute dotted name leads: every module that it begins with, and what follows in that."""
+        parts = [*target.split("."), *filter(None, rest.split("."))]
+        if parts[0] not in sys.stdlib_module_names and self._module(parts[0]) is None:
+            yield parts[0], ""
+        for number in range(1, len(parts) + 1):
+            if self._module(name := ".".join(parts[:number])):
+                yield name, ".".join(parts[number:])
 
 
 def fingerprints_of(root: Path = SOURCE_ROOT.parent) -> Fingerprints:
-    """The fingerprints of the project in a folder; of the installed package if the folder holds no sources.
-
-    Nothing is written unless their `save` is called, as it is where Snakemake plans and by the command `marsedl`.
-    """
+    """The fingerprints of the project in a folder; of the installed package if the folder holds no sources."""
     return _fingerprints_of(Path(root).resolve())
 
 
 @cache
 def _fingerprints_of(root: Path) -> Fingerprints:
     scripts = root / "workflow" / "scripts"
-    if not (root / "src" / "marsedl").is_dir():
-        return Fingerprints(SOURCE_ROOT / "marsedl" / "__pycache__" / "fingerprints.json", SOURCE_ROOT, scripts)
-    return Fingerprints(root / ".cache" / "fingerprints.json", root / "src", scripts)
+    if (root / "src" / PACKAGE).is_dir():
+        return Fingerprints(root / ".cache" / "fingerprints.json", root / "src", scripts)
+    return Fingerprints(SOURCE_ROOT / PACKAGE / "__pycache__" / "fingerprints.json", SOURCE_ROOT, scripts)
 
 
 # -------------------------------------------------------------------------------------------------- modules, statements
 
 
-class _Import(NamedTuple):
-    """A name that an absolute import binds."""
-
-    bound: str
-    module: str
-    symbol: tuple[str, ...]  # the name taken from the module, if one is
-    loads: str  # the module that is loaded: `a.b` of `import a.b`, which binds `a`
-
-
-class _Uses(NamedTuple):
-    """What a statement refers to."""
-
-    chains: set[tuple[str, ...]]  # ("steering", "steer") of `steering.steer`
-    imports: list[_Import]
-
-
-class _Module:
-    """A source file: its statements by what they are for."""
-
-    def __init__(self, name: str, path: Path, tree: ast.Module):
-        """Sort the statements; docstrings are taken out of them."""
-        self.name, self.path, self.statements = name, path, tree.body
-        self.signatures = {s.name: _signature(s) for s in tree.body if isinstance(s, _FUNCTIONS)}
-        for node in ast.walk(tree):
-            if isinstance(node, (*_FUNCTIONS, ast.ClassDef, ast.Module)):
-                node.body[:] = [s for s in node.body if not isinstance(getattr(s, "value", None), ast.Constant)
-                                or not isinstance(s, ast.Expr)]  # fmt: skip
-        self.definitions: dict[str, list[ast.stmt]] = {}
-        self.effects: list[ast.stmt] = []  # they act at import
-        self.imports: dict[str, list[_Import]] = {}
-        self.loads: set[str] = set()
-        for statement in self.statements:
-            names = _defined(statement)
-            for defined in names:
-                self.definitions.setdefault(defined, []).append(statement)
-            if not names:
-                for taken in _uses(statement).imports:
-                    self.imports.setdefault(taken.bound, []).append(taken)
-                    self.loads |= {taken.loads, ".".join((taken.module, *taken.symbol))}
-                if not isinstance(statement, (*_IMPORTS, ast.Pass)):
-                    self.effects.append(statement)
-
-
 @cache
-def _parse(name: str, path: Path, source: bytes) -> _Module:
+def _parsed(path: Path, source: bytes) -> Module:
+    """Read a module; remembered by its content, so that an edit within one process is seen."""
     try:
-        return _Module(name, path, ast.parse(source, filename=path))
+        tree = ast.parse(source)
     except SyntaxError as error:
         raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: fix the syntax and run again") from error
-    except ValueError as error:
-        raise MarsedlError(f"{path}: {error}: fix the file and run again") from error
-
-
-def _parsed(name: str, path: Path) -> _Module:
-    """Read a module; remembered by its content, so that an edit within one process is seen."""
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file: correct its name")
-    return _parse(name, path, path.read_bytes())
+    module = Module({s.name: _signature(s) for s in tree.body if isinstance(s, ast.FunctionDef)}, {}, {})
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+            node.body = [s for s in node.body if not isinstance(s, ast.Expr) or not isinstance(s.value, ast.Constant)]
+    for statement in tree.body:
+        names = _defined(statement)
+        if not names:
+            for name, target in _uses(statement)[1]:
+                module.imports.setdefault(name, []).append(target)
+        if not isinstance(statement, ast.Import | ast.ImportFrom):
+            for name in names or {AT_IMPORT}:
+                module.definitions.setdefault(name, []).append(statement)
+    return module
 
 
 def _signature(function: ast.FunctionDef) -> dict:
     """What a function declares, see `Fingerprints.functions`."""
-    arguments = [*function.args.posonlyargs, *function.args.args]
     decorators = {}
     for decorator in function.decorator_list:
         called = decorator.func if isinstance(decorator, ast.Call) else decorator
         with contextlib.suppress(ValueError):  # only literals declare something
             literals = {k.arg: ast.literal_eval(k.value) for k in getattr(decorator, "keywords", ()) if k.arg}
             decorators[ast.unparse(called)] = literals
+    names = [parameter.arg for parameter in (*function.args.posonlyargs, *function.args.args)]
+    required = len(names) - len(function.args.defaults)
+    parameters = {name: number >= required for number, name in enumerate(names)}
     summary = (ast.get_docstring(function) or "").partition("\n")[0]
-    optional = {parameter.arg for parameter in arguments[len(arguments) - len(function.args.defaults) :]}
-    parameters = {parameter.arg: parameter.arg in optional for parameter in arguments}
     return {"parameters": parameters, "summary": summary, "decorators": decorators}
 
 
 def _defined(statement: ast.stmt) -> set[str]:
-    """The names that a statement defines if it does nothing else."""
-    if isinstance(statement, (*_FUNCTIONS, ast.ClassDef)):
+    """The names that a function, class or assignment defines; none if it changes an item or an attribute."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
         return {statement.name}
     if not isinstance(statement, ast.Assign | ast.AnnAssign | ast.AugAssign):
         return set()
-    nodes = [node for target in getattr(statement, "targets", None) or [statement.target] for node in ast.walk(target)]
-    if any(isinstance(node, ast.Attribute | ast.Subscript) for node in nodes):
-        return set()  # an item or an attribute of something else is changed
-    return {node.id for node in nodes if isinstance(node, ast.Name)}
+    nodes = [node for part in getattr(statement, "targets", ()) or [statement.target] for node in ast.walk(part)]
+    return {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
 
 
 _text = cache(ast.dump)  # a statement without comments, docstrings and positions
 
 
+def _digest(definitions: dict[str, list[ast.stmt]], imports: set[str]) -> str:
+    texts = [(name, *map(_text, statements)) for name, statements in sorted(definitions.items())]
+    return hashlib.sha256(repr((texts, sorted(imports))).encode()).hexdigest()
+
+
 @cache
-def _uses(statement: ast.stmt) -> _Uses:
-    """All names, attribute chains and imports in a statement; a parameter hides the module's definition of its name."""
-    uses, pending = _Uses(set(), []), [(statement, frozenset())]
+def _uses(statement: ast.stmt) -> tuple[set[str], list[tuple[str, str]]]:
+    """All dotted names in a statement but for parameters, and its imports: names with what they are bound to."""
+    names, imports, pending = set(), [], [(statement, set())]
     while pending:
         node, hidden = pending.pop()
-        if isinstance(node, _IMPORTS):
-            uses.imports.extend(_imported(node))
-        elif isinstance(node, ast.Attribute | ast.Name) and (chain := _chain(node)):
-            uses.chains.update({chain} if chain[0] not in hidden else ())
+        if isinstance(node, ast.ImportFrom):
+            imports += [(alias.asname or alias.name, f"{node.module}.{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.Import):
+            tops = ((alias, alias.name.partition(".")[0]) for alias in node.names)
+            imports += [(alias.asname, alias.name) if alias.asname else (top, top) for alias, top in tops]
+        elif name := _dotted(node):
+            names.update({name} if name.partition(".")[0] not in hidden else ())
         else:
-            inside = hidden | _parameters(node) if isinstance(node, (*_FUNCTIONS, ast.Lambda)) else hidden
-            for name, value in ast.iter_fields(node):
-                nodes = [item for item in (value if isinstance(value, list) else [value]) if isinstance(item, ast.AST)]
-                nodes += _quoted(value) if name in ("annotation", "returns") and value else ()
-                pending += [(child, inside if name == "body" else hidden) for child in nodes]
-    return uses
+            inside = hidden
+            if isinstance(node, ast.FunctionDef):
+                inside = hidden | {argument.arg for argument in ast.walk(node.args) if isinstance(argument, ast.arg)}
+            for child in ast.iter_child_nodes(node):
+                pending.append((child, inside if isinstance(child, ast.stmt) else hidden))
+    return names, imports
 
 
-def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> set[str]:
-    """The names of a function's parameters but for those that an import inside of it binds anew."""
-    imports = (node for node in ast.walk(function) if isinstance(node, _IMPORTS))
-    names = {node.arg for node in ast.walk(function.args) if isinstance(node, ast.arg)}
-    return names - {taken.bound for statement in imports for taken in _imported(statement)}
-
-
-def _imported(statement: ast.Import | ast.ImportFrom) -> Iterator[_Import]:
-    """The names that an absolute import binds."""
-    for alias in statement.names:
-        if isinstance(statement, ast.ImportFrom):
-            yield _Import(alias.asname or alias.name, statement.module, (alias.name,), statement.module)
-        else:
-            bound = alias.asname or alias.name.partition(".")[0]
-            yield _Import(bound, alias.name if alias.asname else bound, (), alias.name)
-
-
-def _chain(node: ast.expr) -> tuple[str, ...]:
-    """("a", "b", "c") of `a.b.c`; nothing if it does not begin with a name."""
-    attributes: list[str] = []
-    while isinstance(node, ast.Attribute):
-        attributes.insert(0, node.attr)
-        node = node.value
-    return (node.id, *attributes) if isinstance(node, ast.Name) else ()
-
-
-def _quoted(annotation: ast.expr) -> Iterator[ast.expr]:
-    """The expressions in the strings of an annotation such as `list["Planet"]`."""
-    for node in ast.walk(annotation):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            with contextlib.suppress(SyntaxError, ValueError):  # a string of another kind, as in Literal["..."]
-                yield ast.parse(node.value, mode="eval").body
+def _dotted(node: ast.AST) -> str:
+    """The text of `a.b.c`; empty if it is anything else."""
+    if isinstance(node, ast.Attribute):
+        before = _dotted(node.value)
+        return before and f"{before}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 # ---------------------------------------------------------------------------------------------- what is read of inputs
 
 
+def _read(definitions: dict[str, list[ast.stmt]]) -> dict[str, list[str]]:
+    """What is read of parameters in some definitions, by the names of their types; through named tuples too."""
+    statements = [(name.partition(":")[2], statement) for name, of in definitions.items() for statement in of]
+    types: dict[str, set[str]] = {}  # of the fields of named tuples
+    for kind, statement in statements:
+        for field, of in _fields(statement):
+            types.setdefault(f"{kind}.{field}", set()).add(of)
+    read, pending = {}, {path for _, statement in statements for path in _reads(statement)}
+    while pending:
+        kind, attribute, *further = pending.pop().split(".", 2)
+        read.setdefault(kind, set()).add(attribute)
+        pending |= {f"{of}.{rest}" for rest in further for of in types.get(f"{kind}.{attribute}", ())}
+    return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
+
+
 @cache
-def _reads(statement: ast.stmt) -> frozenset[tuple[str, ...]]:
-    """What functions in a statement read of their parameters: ("Planet", "mu"), ("Setup", "planet", "mu").
+def _reads(statement: ast.stmt) -> set[str]:
+    """What functions in a statement read of their parameters: "Planet.mu", "Setup.planet.mu".
 
     A local variable stands for what it is assigned first: after `planet = setup.planet`, which may be one of several in
     a line, `planet.mu` reads `setup.planet.mu`.
     """
     read = set()
-    for function in (node for node in ast.walk(statement) if isinstance(node, _FUNCTIONS)):
+    for function in (node for node in ast.walk(statement) if isinstance(node, ast.FunctionDef)):
         arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        types = {parameter.arg: (kind,) for parameter in arguments if (kind := _type_name(parameter.annotation))}
+        types = {parameter.arg: kind for parameter in arguments if (kind := _type_name(parameter.annotation))}
 
         def typed(node, types=types):
-            chain = _chain(node) if isinstance(node, ast.Attribute) else ()
-            return (*types[chain[0]], *chain[1:]) if chain and chain[0] in types else ()
+            first, _, rest = _dotted(node).partition(".")
+            return f"{types[first]}.{rest}" if rest and first in types else ""
 
         nodes = list(ast.walk(function))
-        for statement in (node for node in nodes if isinstance(node, ast.Assign)):
-            target, value = statement.targets[0], statement.value
+        for target, value in ((node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign)):
             several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
             for name, source in zip(target.elts, value.elts, strict=False) if several else [(target, value)]:
-                if isinstance(name, ast.Name) and (chain := typed(source)):
-                    types.setdefault(name.id, chain)
-        read.update(chain for node in nodes if (chain := typed(node)))
-    return frozenset(read)
+                if isinstance(name, ast.Name) and (path := typed(source)):
+                    types.setdefault(name.id, path)
+        read.update(filter(None, map(typed, nodes)))
+    return read
 
 
-def _fields(statement: ast.stmt) -> dict[str, str]:
+def _fields(statement: ast.stmt) -> Iterator[tuple[str, str]]:
     """The fields of a class with the names of their types if it is a named tuple."""
-    if not isinstance(statement, ast.ClassDef) or "NamedTuple" not in map(_type_name, statement.bases):
-        return {}
-    declared = [node for node in statement.body if isinstance(node, ast.AnnAssign)]
-    return {node.target.id: _type_name(node.annotation) for node in declared}
+    if isinstance(statement, ast.ClassDef) and "NamedTuple" in map(_type_name, statement.bases):
+        declared = (node for node in statement.body if isinstance(node, ast.AnnAssign))
+        yield from ((node.target.id, _type_name(node.annotation)) for node in declared)
 
 
 def _type_name(annotation: ast.expr | None) -> str:
@@ -387,132 +373,3 @@ def _type_name(annotation: ast.expr | None) -> str:
     if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
         return annotation.value.rpartition(".")[2]
     return getattr(annotation, "attr", getattr(annotation, "id", ""))
-
-
-# -------------------------------------------------------------------------------------------------------- the closure
-
-
-class _Reached:
-    """All that can be reached from some code, collected by following its references."""
-
-    def __init__(self, source: Fingerprints):
-        """Start with nothing."""
-        self.source = source
-        self.libraries: set[str] = set()  # top-level modules from outside of the source whose names are used
-        self._script: list[str] = []
-        self._symbols: set[tuple[str, str]] = set()
-        self._loaded: set[str] = set()
-        self._bindings: set[tuple] = set()  # imported names in use, with the module that uses them
-        self._followed: set[tuple[str, tuple[str, ...]]] = set()
-        self._pending: list[tuple[_Module, ast.stmt]] = []
-
-    def add_script(self, script: _Module) -> None:
-        """Follow everything in a file outside of the source."""
-        self._script = list(map(_text, script.statements))
-        self._pending += [(script, statement) for statement in script.statements]
-        self._run()
-
-    def follow(self, name: str, attributes: tuple[str, ...]) -> None:
-        """Follow `module.attribute...` and all that it refers to."""
-        self._follow(name, attributes)
-        self._run()
-
-    def _run(self) -> None:
-        while self._pending:
-            module, statement = self._pending.pop()
-            chains, imports = _uses(statement)
-            for taken in imports:
-                self._load(taken.loads)
-                self._load(".".join((taken.module, *taken.symbol)))
-            for first, *attributes in chains:
-                if first in module.definitions:
-                    self._add(module, first)
-                self._follow_imports(module, first, attributes)
-                for taken in imports:
-                    if taken.bound == first:
-                        self._follow(taken.module, (*taken.symbol, *attributes))
-
-    def _follow_imports(self, module: _Module, bound: str, attributes) -> None:
-        for taken in module.imports.get(bound, ()):
-            self._bindings.add((module.name, *taken))
-            self._follow(taken.module, (*taken.symbol, *attributes))
-
-    def _follow(self, name: str, attributes: tuple[str, ...]) -> None:
-        """Follow `module.attribute...`; a module without attributes is used as an object and counts whole."""
-        if (name, attributes) in self._followed:
-            return
-        self._followed.add((name, attributes))
-        module = self.source.module(name)
-        if module is None:
-            top = name.partition(".")[0]
-            if top not in sys.stdlib_module_names and self.source.module(top) is None:
-                self.libraries.add(top)
-            return
-        self._load(name)
-        first, rest = (attributes[0], attributes[1:]) if attributes else ("", ())
-        if not first:
-            for symbol in module.definitions:
-                self._add(module, symbol)
-            for bound in module.imports:
-                self._follow_imports(module, bound, ())
-        elif first in module.definitions or first in module.imports:
-            if first in module.definitions:
-                self._add(module, first)
-            self._follow_imports(module, first, rest)
-        elif self.source.module(f"{name}.{first}"):
-            self._follow(f"{name}.{first}", rest)
-        elif "__getattr__" in module.definitions:
-            self._add(module, "__getattr__")
-
-    def _add(self, module: _Module, symbol: str) -> None:
-        if (module.name, symbol) not in self._symbols:
-            self._symbols.add((module.name, symbol))
-            self._pending += [(module, statement) for statement in module.definitions[symbol]]
-
-    def _load(self, name: str) -> None:
-        """Importing a module runs the statements of it and of its packages that act at import."""
-        module = self.source.module(name)
-        if module is None or name in self._loaded:
-            return
-        self._loaded.add(name)
-        self._load(name.rpartition(".")[0])
-        for loaded in module.loads:
-            self._load(loaded)
-        self._pending += [(module, statement) for statement in module.effects]
-
-    def reads(self) -> dict[str, list[str]]:
-        """What is read of parameters in all that is reached, by the names of their types; through named tuples too."""
-        pending: list[tuple[str, ...]] = []
-        types: dict[tuple[str, str], set[str]] = {}  # of the fields of named tuples
-        for name, symbol in self._symbols:
-            for statement in self.source.module(name).definitions[symbol]:
-                pending += _reads(statement)
-                for field, kind in _fields(statement).items():
-                    types.setdefault((symbol, field), set()).add(kind)
-        read: dict[str, set[str]] = {}
-        while pending:
-            kind, attribute, *further = pending.pop()
-            read.setdefault(kind, set()).add(attribute)
-            if further:
-                pending += [(of, *further) for of in types.get((kind, attribute), ())]
-        return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
-
-    def listing(self) -> list[str]:
-        """See `Fingerprints.symbols`."""
-        effects = {(name, "(at import)") for name in self._loaded if self.source.module(name).effects}
-        return sorted(f"{module}:{symbol}" for module, symbol in self._symbols | effects)
-
-    def digest(self) -> str:
-        """SHA-256 of all reached statements and of the imports that bind the names in use."""
-        parts = [*self._script, *map(repr, sorted(self._bindings))]
-        for name in sorted(self._loaded):
-            module = self.source.module(name)
-            definitions = [s for symbol in module.definitions if (name, symbol) in self._symbols
-                           for s in module.definitions[symbol]]  # fmt: skip
-            reached = set(map(id, [*definitions, *module.effects]))
-            statements = [statement for statement in module.statements if id(statement) in reached]
-            # Functions may stand in any order, but the order of what is executed at import matters.
-            executed = [_text(statement) for statement in statements if not isinstance(statement, _FUNCTIONS)]
-            functions = sorted(_text(statement) for statement in statements if isinstance(statement, _FUNCTIONS))
-            parts += [name, *executed, *functions]
-        return hashlib.sha256("\n".join(parts).encode("utf-8", "surrogatepass")).hexdigest()

@@ -33,18 +33,12 @@ class Missing(Exception):
 
 @dataclass(frozen=True)
 class Arguments:
-    """What functions can ask for.
+    """What functions can ask for."""
 
-    values: plain inputs by "section.name"; a section has no others.
-    artifact: function of an artifact's name and type, that returns it, or None for one that there is not.
-    further: other arguments by the name of the parameter.
-    providers: functions by the class that they return.
-    """
-
-    values: Mapping[str, object]
-    artifact: Callable[[str, type], object] = lambda name, kind: None
-    further: Mapping[str, object] = field(default_factory=dict)
-    providers: Mapping[type, Callable] = field(default_factory=dict)
+    values: Mapping[str, object]  # plain inputs by "section.name"; a section has no others
+    artifact: Callable[[str, type], object] = lambda name, kind: None  # of a name and type; None if there is none
+    further: Mapping[str, object] = field(default_factory=dict)  # other arguments by the name of the parameter
+    providers: Mapping[type, Callable] = field(default_factory=dict)  # by the class that they return
     _known: dict = field(default_factory=dict)  # what was asked for before
 
     def of(self, function: Callable, **further) -> dict[str, object]:

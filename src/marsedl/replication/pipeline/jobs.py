@@ -6,10 +6,11 @@ import os
 import sys
 import traceback
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.numerics import assert_numerics
 from marsedl.replication.pipeline.runner import computed
@@ -22,79 +23,78 @@ OUTSIDE = {
 
 
 class Job:
-    """One job of the workflow, from the `snakemake` object that its script is given."""
+    """One job, from the `snakemake` object that its script is given.
+
+    `made` is what the product is made from beside other products, as `pipeline/staleness.py` has it.
+    """
 
     def __init__(self, snakemake):
         """Take the job's description."""
-        self.params = snakemake.params
-        self.input = snakemake.input
-        self.output = snakemake.output
-        self.paper = snakemake.params.get("paper") or snakemake.wildcards.get("paper")
-        self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
+        self.made, self.input, self.output = snakemake.params.made, snakemake.input, snakemake.output
+        wildcards = dict(snakemake.wildcards.items())
+        if "place" in wildcards:  # of a figure or table
+            wildcards["reading"] = wildcards["place"].strip("/") or CORRECTED
+        self.paper, self.reading = wildcards.get("paper"), wildcards.get("reading")
         self._loaded: dict[tuple[str, type], object] = {}  # a file that readings share is loaded once
 
-    def given(self, values: Mapping[str, object] | None = None) -> Arguments:
-        """Return what the job's function can ask for: inputs, and artifacts from the job's input files.
+    @property
+    def artifacts(self) -> list[str]:
+        """The job's input artifacts."""
+        return [path for path in self.input if path.endswith(".h5")]
 
-        values: plain inputs by "section.name"; by default those of the job's params.
+    def given(self, values: Mapping[str, object] | None = None, files: Mapping[str, str] | None = None) -> Arguments:
+        """Return what the job's function can ask for: inputs and artifacts.
+
+        Args:
+            values: plain inputs by "section.name"; those that the product is made from unless given.
+            files: artifacts by the name of the parameter; the job's input unless given.
+
         """
-        return self._given(self.params.made["inputs"] if values is None else values, dict(self.input.items()))
+        paths = {parameter_of(path): path for path in self.artifacts} if files is None else files
 
-    def _given(self, values: Mapping[str, object], files: Mapping[str, str | list[str]]) -> Arguments:
         def load(name: str, kind: type) -> object:
-            if name not in files:
-                return None
-            if name != "chunks":
-                return self.load(files[name], kind)
-            (of,), paths = typing.get_args(kind), files[name]
-            return [self.load(path, of) for path in ([paths] if isinstance(paths, str) else paths)]
+            if name == "chunks":
+                return [self.load(path, *typing.get_args(kind)) for path in self.input.chunks]
+            return self.load(paths[name], kind) if name in paths else None
 
-        return Arguments(values, load)
+        return Arguments(self.made["inputs"] if values is None else values, load)
 
-    def load(self, path: str, kind: type) -> object:
-        """Return an artifact from one of the job's input files."""
+    def load(self, path: str, kind: type) -> typing.Any:
+        """Return an artifact of a file."""
         from marsedl.replication.records import store
 
         if (path, kind) not in self._loaded:
-            paper, reading, _ = self._artifacts[path]
+            _, _, paper, reading, *_ = Path(path).parts
             self._loaded[path, kind] = store.load(path, kind, paper=paper, reading=reading)
         return self._loaded[path, kind]
 
     def run(self) -> None:
-        """Compute each artifact of the stage, and save it; the params hold their recipes."""
-        gathers = "chunks" in self.input.keys()  # noqa: SIM118
-        for path, (_, _, recipe) in self._build["made"].items():
-            flown = {} if gathers else recipe["options"]
-            self.save(path, computed(self.params.entries, self.given(recipe["inputs"]), flown), recipe)
+        """Compute each artifact of a stage, and save it with its provenance."""
+        from marsedl.replication.records import store
+        from marsedl.replication.records.recipes import recipe_digest
+
+        for path, recipe in zip(self.output, self.made["recipes"], strict=True):
+            flown = None if "chunks" in self.input.keys() else recipe["options"]  # noqa: SIM118
+            artifact = computed(self.made["entries"], self.given(recipe["inputs"]), flown)
+            made_from = [Path(need).name for need in self.artifacts]
+            provenance = {"recipe": recipe_digest(recipe), "made_from": made_from, "size": self.made["size"]}
+            store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 
     def readings(self) -> dict[str, Arguments]:
         """Return what claims and tables over readings can ask for, by reading."""
-        made = self.params.made
-        return {reading: self._given(made["inputs"][reading], files) for reading, files in made["artifacts"].items()}
+        files, inputs = self.made["artifacts"], self.made["inputs"]
+        return {reading: self.given(inputs[reading], files[reading]) for reading in inputs}
 
-    def of_readings(self, function: typing.Callable) -> dict[str, tuple]:
-        """Return the argument `readings` of a function: inputs and records by reading, of the types that it annotates.
-
-        function: its parameter `readings` is annotated as `dict[str, tuple[Inputs, Records]]`.
-        """
+    def of_readings(self, function: Callable) -> dict[str, tuple]:
+        """Return the argument `readings` of a function, which it annotates as `dict[str, tuple[Inputs, Records]]`."""
         _, pair = typing.get_args(typing.get_type_hints(function)["readings"])
         return {name: tuple(map(given.whole, typing.get_args(pair))) for name, given in self.readings().items()}
-
-    def check_artifacts(self) -> None:
-        """Reject input artifacts that their rules would now make differently; the params hold their recipes."""
-        if not self._artifacts:
-            return
-        from marsedl.replication.records.store import check_recipe
-
-        for path, (paper, reading, recipe) in self._artifacts.items():
-            check_recipe(path, recipe, paper, reading)
 
     def check_libraries(self) -> None:
         """Raise MarsedlError if library versions differ from those that Snakemake planned with."""
         from marsedl.replication.pipeline.libraries import versions_used
 
-        recipes = self.params.get("recipes") or [self.params.get("made", {})]
-        planned = recipes[0].get("libraries", "")
+        planned = self.made.get("recipes", [self.made])[0].get("libraries", "")
         names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
         if planned and (present := versions_used(frozenset(names))) != planned:
             raise MarsedlError(
@@ -102,51 +102,56 @@ class Job:
                 "in which its jobs run"
             )
 
-    def save(self, path: str, artifact: object, recipe: Mapping[str, object]) -> None:
-        """Save an artifact with its provenance: its recipe, the artifacts it was made from, the build's size."""
-        from marsedl.replication.records import differences, store
-        from marsedl.replication.records.recipes import recipe_digest
 
-        provenance = {
-            **recipe,
-            "recipe": recipe_digest(recipe),
-            "made_from": {Path(need).name: differences.digest(need) for need in self._artifacts},
-            "size": self._build["size"],
-        }
-        store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=provenance)
+def parameter_of(path: str) -> str:
+    """Return the name of the parameter that takes an artifact: its stage's or Monte Carlo case's."""
+    return Path(path).stem.rpartition(".")[2]
 
-    @property
-    def _artifacts(self) -> dict[str, tuple]:
-        """Paper, reading and recipe of the job's input artifacts, by file."""
-        return self._build.get("artifacts", {})
 
-    @property
-    def _build(self) -> dict[str, typing.Any]:
-        """What the build knows of the job."""
-        return self.params.get("build", {})
+@contextlib.contextmanager
+def guarded(snakemake) -> Iterator[Job]:
+    """Run a job's body: tracebacks go to its log; a failure prints one message that names job and log."""
+    log, job = Path(snakemake.log[0]), Job(snakemake)
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_text("")
+        assert_numerics()
+        job.check_libraries()
+        with _recorded(*job.made.get("record", ())):
+            yield job
+    except Exception as error:
+        with contextlib.suppress(OSError):  # a full disk must not hide the error itself
+            log.write_text(traceback.format_exc())
+        folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).resolve().parents[1])
+        place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading, "job": log.stem}
+        where = ", ".join(f"{what} {value}" for what, value in place.items() if value)
+        message = f"\n{where}: {_described(error, snakemake)}\n(log: {Path(folder) / log})\n"
+        print(message, file=sys.stderr)
+        sys.exit(1)
 
-    def record(self) -> typing.Callable[[], None]:
-        """Take back what the last run recorded of the job's products; returns the function that records this one."""
-        if not self._build.get("record"):
-            return lambda: None
-        path, digest = self._build["record"]
+
+@contextlib.contextmanager
+def _recorded(path: str = "", digest: str = "") -> Iterator[None]:
+    """Record what a job's products are made from, when it ends; until then nothing is recorded."""
+    if path:
         Path(path).unlink(missing_ok=True)
-
-        def write() -> None:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(f"{digest}\n", encoding="ascii")
-
-        return write
+    yield
+    if path:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(f"{digest}\n", encoding="ascii")
 
 
-def _described(error: Exception, outputs: typing.Iterable[str]) -> tuple[str, bool]:
-    """Return an error in one line, and whether it is an expected one, whose traceback would not help a user."""
+def _described(error: Exception, snakemake) -> str:
+    """An error in one line; prints the traceback of one that is not expected."""
+    if isinstance(error, SolverError):
+        return f"{error}{_kept_iterate(Path(snakemake.log[0]).with_suffix('.iterate.csv'), error.iterate)}"
     if isinstance(error, MarsedlError):
-        return str(error), True
+        return str(error)
     if isinstance(error, OSError) and error.errno in OUTSIDE:
-        where = error.filename or ", ".join(outputs)
-        return f"{where}: cannot be written or read ({error.strerror}): {OUTSIDE[error.errno]}", True
-    return f"{type(error).__name__}: {error}", False
+        where = error.filename or ", ".join(snakemake.output)
+        return f"{where}: cannot be written or read ({error.strerror}): {OUTSIDE[error.errno]}"
+    traceback.print_exc()
+    return f"{type(error).__name__}: {error}"
 
 
 def _kept_iterate(path: Path, iterate: dict) -> str:
@@ -158,34 +163,3 @@ def _kept_iterate(path: Path, iterate: dict) -> str:
     except OSError as error:
         return f" (its last iterate could not be saved: {error.strerror})"
     return f" (its last iterate: {path})"
-
-
-@contextlib.contextmanager
-def guarded(snakemake) -> typing.Iterator[Job]:
-    """Run a job's body: warnings and tracebacks go to its log; a failure prints one message that names job and log."""
-    log = Path(snakemake.log[0])
-    job = Job(snakemake)
-    try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        log.write_text("")
-        assert_numerics()
-        job.check_libraries()
-        job.check_artifacts()
-        record = job.record()
-        yield job
-        record()
-    except Exception as error:
-        with contextlib.suppress(OSError):  # a full disk must not hide the error itself
-            log.write_text(traceback.format_exc())
-        root = Path(snakemake.scriptdir).resolve().parents[1]
-        folder = os.path.relpath(Path.cwd(), root)  # of a size that is not the full one
-        place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading}
-        place["job"] = snakemake.rule
-        where = ", ".join(f"{what} {value}" for what, value in place.items() if value)
-        what, foreseen = _described(error, snakemake.output)
-        if not foreseen:
-            traceback.print_exc()
-        if isinstance(error, SolverError):
-            what += _kept_iterate(log.with_suffix(".iterate.csv"), error.iterate)
-        print(f"\n{where}: {what}\n(log: {Path(folder) / log})\n", file=sys.stderr)
-        sys.exit(1)

@@ -1,6 +1,5 @@
 """The cache of compiled kernels: one process compiles at a time, and those that wait load what it stored."""
 
-import errno
 import fcntl
 import os
 import sys
@@ -8,22 +7,10 @@ from functools import cache
 from pathlib import Path
 
 LOCATOR = f"{__name__}.Kernels"  # for numba's variable NUMBA_CACHE_LOCATOR_CLASSES
-NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # of file systems that have none, such as some of clusters
-
-
-def cache_folder(root: Path, source: str) -> Path:
-    """The folder for kernels of a project; source: digest of the code that they reach.
-
-    Numba does not notice edits of functions called from another file, hence the digest.
-    """
-    return root / ".cache" / "numba" / source[:16]
 
 
 def vector_features() -> str:
-    """The features of this processor for NUMBA_CPU_FEATURES, with vectors of 512 bits; empty if it has none of these.
-
-    By default LLVM uses 256 bits on processors that have 512. The bits of the numbers are the same.
-    """
+    """NUMBA_CPU_FEATURES for processors with vectors of 512 bits, of which LLVM uses 256; the numbers are the same."""
     from llvmlite.binding import get_host_cpu_features
 
     features = get_host_cpu_features()
@@ -60,9 +47,12 @@ def _take_turns() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     lock = (folder / "lock").open("w")
 
+    @cache  # so that it is said once
+    def say(message: str) -> None:
+        print(message, file=sys.stderr, flush=True)
+
     class Turns(event.Listener):
         depth = 0  # kernels compile those that they call
-        locks = True
 
         def on_start(self, event):
             if self.depth == 0:
@@ -76,21 +66,13 @@ def _take_turns() -> None:
 
         def flock(self, operation):
             try:
-                if self.locks:
-                    fcntl.flock(lock, operation)
-            except OSError as error:
-                if error.errno not in NO_LOCKS:
-                    raise
-                self.locks = False
-                print(f"{folder}: no file locks here, so several jobs may compile the same kernel", file=sys.stderr)
+                fcntl.flock(lock, operation)
+            except OSError:
+                say(f"{folder}: no file locks here, so several jobs may compile the same kernel")
 
     class Announcement(event.Listener):
-        announced = False
-
         def on_start(self, event):
-            if not self.announced:
-                print("compiling kernels; later runs load them", file=sys.stderr, flush=True)
-            self.announced = True
+            say("compiling kernels; later runs load them")
 
         def on_end(self, event):
             pass

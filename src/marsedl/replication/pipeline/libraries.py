@@ -21,10 +21,7 @@ def library_versions(*names: str) -> dict[str, str]:
 
 @cache
 def versions_used(modules: frozenset[str]) -> str:
-    """Return, for a person to read, the versions of Python and of the libraries that some code depends on.
-
-    modules: top-level modules, as `Fingerprints.libraries` lists them; their companions are added
-    """
+    """Return the versions of Python and of some top-level modules with their companions, for a person to read."""
     used = {DISTRIBUTIONS.get(module, module) for module in modules if module not in READ_INPUTS}
     used.update(*(COMPANIONS.get(name, ()) for name in used))
     python = f"python {sys.version_info.major}.{sys.version_info.minor}"

@@ -29,28 +29,12 @@ def pin_numerics(root: Path) -> None:
 
     root: the project's folder, which also holds the cache of compiled kernels.
 
-    Raises MarsedlError if this processor cannot run the pinned instruction set, or if a file has settings of numba.
+    Raises MarsedlError if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL.
     """
+    from llvmlite.binding import get_host_cpu_features
+
     from marsedl.replication.pipeline import kernel_cache
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
-
-    _check_processor()
-    if Path(".numba_config.yaml").exists():
-        raise MarsedlError(f"{Path('.numba_config.yaml').absolute()}: numba would read it in every job; move it away")
-    for name in [name for name in os.environ if name.startswith("NUMBA_") or name in _OF_A_SHELL]:
-        del os.environ[name]
-    os.environ.update(NUMERIC_ENVIRONMENT)
-    os.environ.setdefault("PYTHONHASHSEED", "0")
-    if features := kernel_cache.vector_features():
-        os.environ["NUMBA_CPU_FEATURES"] = features
-    os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache.cache_folder(root, fingerprints_of(root).kernels()))
-    os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernel_cache.LOCATOR
-    os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
-
-
-def _check_processor() -> None:
-    """Raise MarsedlError if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL."""
-    from llvmlite.binding import get_host_cpu_features
 
     features = get_host_cpu_features()
     if platform.machine() == "x86_64" and not (features.get("avx2") and features.get("fma")):
@@ -58,6 +42,16 @@ def _check_processor() -> None:
             "this processor, or the virtual machine's, has no AVX2 and FMA, which linear algebra is pinned to: run on "
             "one that has, or let the virtual machine pass on its host's processor"
         )
+    for name in [name for name in os.environ if name.startswith("NUMBA_") or name in _OF_A_SHELL]:
+        del os.environ[name]
+    os.environ.update(NUMERIC_ENVIRONMENT)
+    os.environ.setdefault("PYTHONHASHSEED", "0")
+    if features := kernel_cache.vector_features():
+        os.environ["NUMBA_CPU_FEATURES"] = features
+    # Numba does not notice edits of functions that a kernel calls from another file, hence a folder for each code.
+    os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / fingerprints_of(root).kernels()[:16])
+    os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernel_cache.LOCATOR
+    os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 
 
 def assert_numerics() -> None:

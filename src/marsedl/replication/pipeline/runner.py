@@ -20,7 +20,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.pipeline.catalogue import FLIGHTS, Flown, Paper, Trial, entry_of, function_of, whole_case
+from marsedl.replication.pipeline.catalogue import (
+    FLIGHTS,
+    Flown,
+    Paper,
+    Stage,
+    Trial,
+    entry_of,
+    function_of,
+    whole_case,
+)
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.sharing import Shared
 from marsedl.replication.records import store
@@ -31,26 +40,19 @@ if typing.TYPE_CHECKING:
 
 
 class Memory:
-    """Records by the digest of what they were computed from, in this process and, if it has a folder, on disk."""
+    """Records by the digest of what they were computed from, in this process and, if it has a folder, on disk.
+
+    `computed` counts the stages that were not remembered. A folder outlives an edit, so it needs `code`, the digest
+    of the code behind "module:function": `fingerprints_of(root).code`.
+    """
 
     def __init__(self, folder: Path | None = None, code: Callable[[str], str] = str):
-        """Start empty, or with what a folder holds of earlier runs.
-
-        Args:
-            folder: where records are kept; nowhere unless given.
-            code: the digest of the code that a function "module:function" can reach. A folder outlives an edit, so give
-                it `fingerprints_of(root).code`.
-
-        """
-        self.folder, self.code = folder, code
-        self.computed = 0  # stages that were not remembered
+        """Start empty, or with what a folder holds of earlier runs."""
+        self.folder, self.code, self.computed = folder, code, 0
         self._records: dict[str, tuple[object, str]] = {}
 
     def record(self, run: "Run", name: str) -> object:
-        """Return a record of a run; it is computed if it is not remembered.
-
-        Raises ArtifactError if what is computed does not fit its declaration, or a file is damaged.
-        """
+        """Return a record of a run, computed if it is not remembered; raises ArtifactError for a damaged file."""
         return self._remembered(run, name)[0]
 
     def _remembered(self, run: "Run", name: str) -> tuple[object, str]:
@@ -65,12 +67,12 @@ class Memory:
         key = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).hexdigest()
         if key not in self._records:
             path = self.folder / f"{key}.h5" if self.folder else None
-            if path is not None and path.exists():
+            if path and path.exists():
                 record = store.load(path, record_type(stage.entries), paper=run.paper.slug)
             else:
                 self.computed += 1
-                record = store.as_loaded(run.compute(name))
-                if path is not None:
+                record = store.as_loaded(computed(stage.entries, run.given(stage.inputs), run.flown.get(name)))
+                if path:
                     store.save(path, record, paper=run.paper.slug, reading=key, provenance={})
             self._records[key] = record, store.content_digest(record)
         return self._records[key]
@@ -79,27 +81,10 @@ class Memory:
 class Run:
     """One paper with one complete set of inputs; every record is computed when it is first asked for."""
 
-    def __init__(
-        self,
-        paper: Paper,
-        values: Mapping[str, object],
-        memory: typing.Any,
-        trials: Mapping[str, int] | None = None,
-        flown: Mapping[str, Mapping] | None = None,
-    ):
-        """Define the run.
-
-        Args:
-            paper: its catalogue.
-            values: all inputs as plain values by "section.name", as `Inputs.plain` gives them.
-            memory: what remembers records, such as a `Memory` that other runs share.
-            trials: the numbers of trials of the Monte Carlo cases, as `Reading.trial_counts` gives them.
-            flown: fields of `Flown` by artifact; whole cases unless given.
-
-        """
+    def __init__(self, paper: Paper, values: Mapping[str, object], memory: Memory, trials: Mapping[str, int]):
+        """Take a catalogue, plain inputs by "section.name", a memory that runs may share, the trials of each case."""
         self.paper, self.values, self.memory = paper, values, memory
-        whole = {f"{FLIGHTS}.{case}": whole_case(case, number, paper) for case, number in (trials or {}).items()}
-        self.flown = whole if flown is None else flown
+        self.flown = {f"{FLIGHTS}.{case}": whole_case(case, number, paper) for case, number in trials.items()}
 
     @classmethod
     def of(cls, paper: Paper, inputs: "Inputs", memory: Memory) -> "Run":
@@ -108,14 +93,11 @@ class Run:
         return cls(paper, inputs.plain(), memory, {case: number for case, number in trials.items() if number})
 
     def record(self, name: str) -> typing.Any:
-        """Return an artifact by its name, such as "gains" or "montecarlo.closed_loop".
-
-        Raises InputError if the paper has no such artifact or the case no trials, and what the stages raise.
-        """
+        """Return an artifact by its name, such as "gains" or "montecarlo.closed_loop"; raises what `stage` does."""
         return self.memory.record(self, name)
 
-    def stage(self, name: str) -> typing.Any:
-        """Return the declared stage of an artifact; raises InputError as `record` does."""
+    def stage(self, name: str) -> Stage:
+        """Return the declared stage of an artifact; raises InputError if there is none, or the case has no trials."""
         stage, _, case = name.partition(".")
         if stage not in self.paper.stages or bool(case) != (stage == FLIGHTS):
             names = [name for name in self.paper.stages if not name.startswith(FLIGHTS)] + list(self.flown)
@@ -124,36 +106,27 @@ class Run:
             raise InputError(f"{self.paper.slug}: case '{case}' has no trials; give it some, or ask for another case")
         return self.paper.stages[stage]
 
-    def compute(self, name: str) -> typing.Any:
-        """Return what the stage of an artifact computes, from the records that it needs."""
-        stage = self.paper.stages[name.partition(".")[0]]
-        return computed(stage.entries, self.given(stage.inputs), self.flown.get(name))
-
     def given(self, names: Iterable[str] | None = None) -> Arguments:
         """Return what a function can ask for: some inputs, or all, and the records of the run."""
+
+        def artifact(parameter: str, kind: type) -> typing.Any:
+            if f"{FLIGHTS}.{parameter}" in self.flown:
+                return self.record(f"{FLIGHTS}.{parameter}")
+            return self.record(parameter) if parameter in self.paper.stages else None
+
         values = self.values if names is None else {name: self.values[name] for name in names}
-        return Arguments(values, self.artifact)
+        return Arguments(values, artifact)
 
     def table(self, stem: str, published: Mapping[str, typing.Any]) -> typing.Any:
         """Return a table of this reading; published: the printed claims by id."""
         function = function_of(entry_of(self.paper.slug, "tables", stem))
         return self.given(self.paper.tables[stem].inputs).call(function, published=published)
 
-    def artifact(self, parameter: str, kind: type) -> typing.Any:
-        """Return the artifact that a parameter takes; None for a case without trials."""
-        if f"{FLIGHTS}.{parameter}" in self.flown:
-            return self.record(f"{FLIGHTS}.{parameter}")
-        return self.record(parameter) if parameter in self.paper.stages else None
-
 
 def computed(entries: Iterable[str], given: Arguments, flown: Mapping[str, object] | None = None) -> typing.Any:
-    """Return what a stage computes, in a run and in a job.
+    """Return what a stage computes, in a run and in a job: what one of its functions returns, the next one gathers.
 
-    Args:
-        entries: its functions; what one returns, the next one gathers.
-        given: what they can ask for.
-        flown: fields of `Flown`, for a stage that flies trials.
-
+    flown: fields of `Flown`, for a stage that flies trials.
     """
     first, *following = map(function_of, entries)
     record = given.call(first, **({"flown": Flown(**flown)} if flown else {}))
@@ -168,38 +141,28 @@ def record_type(entries: Sequence[str]) -> type:
 
 
 def replay(folder: Path, paper: Paper, study: "Study", reading: str, trial: tuple[str, int], options: str = "") -> str:
-    """Fly one trial of a Monte Carlo case again and describe it; compares it with the ensemble if that is stored.
+    """Fly one trial (case and number) again and describe it; compares it with the ensemble if the build has that.
 
-    Args:
-        folder: of the build.
-        paper: the catalogue.
-        study: the paper's readings.
-        reading: the reading's name.
-        trial: the case, and the trial's number in it.
-        options: those of Snakemake with which a missing artifact is built.
-
-    Raises:
-        InputError: for a case or trial that the reading does not have, or if an artifact is missing.
-
+    options: those of Snakemake with which a missing artifact is built. Raises InputError for a case or trial that the
+    reading does not have, or if an artifact is missing.
     """
-    case, number = trial
+    (case, number), shared = trial, Shared(paper, study)
     inputs, trials = study.readings[reading].inputs, study.readings[reading].trial_counts()
-    shared = Shared(paper, study)
     if not trials.get(case):
         raise InputError(f"reading {reading} has no case '{case}'; {nearest(case, trials)}")
     if not 0 <= number < trials[case]:
         raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
 
-    def load(name: str, kind: type) -> object:
+    def load(name: str, kind: type, *, required: bool = True) -> typing.Any:
         path = shared.file(reading, name)
-        if not (folder / path).exists():
+        if (folder / path).exists():
+            return store.load(folder / path, kind, paper=paper.slug, reading=shared.owner(reading, name))
+        if required:
             raise InputError(f"{folder / path} is not built yet; run 'snakemake {path}{options}' first")
-        return store.load(folder / path, kind, paper=paper.slug, reading=shared.owner(reading, name))
+        return None
 
-    ensemble, artifact_name = None, f"{FLIGHTS}.{case}"
-    if (folder / shared.file(reading, artifact_name)).exists():
-        ensemble = load(artifact_name, record_type([entry_of(paper.slug, FLIGHTS, "gather")]))
-        if number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
-            ensemble = None
+    ensemble = load(f"{FLIGHTS}.{case}", record_type([entry_of(paper.slug, FLIGHTS, "gather")]), required=False)
+    if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
+        ensemble = None
     function = function_of(entry_of(paper.slug, FLIGHTS, "replay"))
     return Arguments(inputs.plain(), load).call(function, trial=Trial(case, number, ensemble))

@@ -6,7 +6,7 @@ edited, the next of the others owns a file of its own, which is computed again w
 """
 
 from collections.abc import Callable, Iterable
-from functools import cached_property
+from functools import cache, cached_property
 
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import Study
@@ -23,22 +23,13 @@ class Shared:
     ("chunks/closed_loop.0of4").
     """
 
-    def __init__(self, paper: Paper, study: Study, reached: Callable[[Iterable[str]], dict] = lambda entries: {}):
-        """Take the catalogue and the readings.
-
-        Args:
-            paper: the catalogue.
-            study: the readings.
-            reached: function of a stage's functions, which returns what a recipe holds of their code and libraries.
-
-        """
+    def __init__(self, paper: Paper, study: Study, reached: Callable[..., dict] = lambda *entries: {}):
+        """Take the catalogue, the readings, and what gives a recipe's part of a script's and functions' code."""
         self.paper, self._study, self._reached = paper, study, reached
-        self._order = sorted(study.readings, key=lambda name: name != CORRECTED)  # stable: otherwise as they stand
         self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
         self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
-        self._recipes: dict[tuple[str, str], dict] = {}
-        self._digests: dict[tuple[str, str], str] = {}
-        self._owners: dict[tuple[str, str], str] = {}  # by name of the artifact and digest
+        self.recipe, self.owner = cache(self._recipe), cache(self._owner)
+        self._digest = cache(lambda reading, name: recipe_digest(self.recipe(reading, name)))
 
     @property
     def readings(self) -> tuple[str, ...]:
@@ -52,13 +43,11 @@ class Shared:
             return case in self._flown.get(reading, ())
         return reading in self._flown and not case and stage in self.paper.stages
 
-    def owner(self, reading: str, name: str) -> str:
-        """Return the reading whose file an artifact is."""
+    def _owner(self, reading: str, name: str) -> str:
+        """The reading whose file an artifact is."""
+        order = sorted(self._flown, key=lambda other: other != CORRECTED)  # stable: otherwise as they stand
         digest = self._digest(reading, name)
-        if (name, digest) not in self._owners:
-            same = (other for other in self._order if self.has(other, name) and self._digest(other, name) == digest)
-            self._owners[name, digest] = next(same)
-        return self._owners[name, digest]
+        return next(other for other in order if self.has(other, name) and self._digest(other, name) == digest)
 
     def file(self, reading: str, name: str) -> str:
         """Return the path of an artifact, from the folder of the build on."""
@@ -71,12 +60,10 @@ class Shared:
 
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
-        is_own_reading = reading in self._study.own_readings
-        stages = [(name, stage) for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)]
-        names = [
-            *(name for name, stage in stages if is_own_reading or reading in (stage.claimed_in or [reading])),
-            *(f"{FLIGHTS}.{case}" for case in self._flown[reading]),
-        ]
+        own = reading in self._study.own_readings
+        stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
+        names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
+        names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
         return {name: self.file(reading, name) for name in names}
 
     def chunks(self, reading: str, case: str) -> list[str]:
@@ -88,8 +75,7 @@ class Shared:
     @cached_property
     def scattered(self) -> frozenset[str]:
         """The Monte Carlo cases that have several chunks in some reading."""
-        cases = ((name, case) for name, cases in self._flown.items() for case in cases)
-        return frozenset(case for name, case in cases if len(self.chunks(name, case)) > 1)
+        return frozenset(c for name, cases in self._flown.items() for c in cases if len(self.chunks(name, c)) > 1)
 
     def flown_together(self) -> dict[tuple[str, ...], list[str]]:
         """Return the readings by the cases that one job flies for each: those of few trials, if there are several."""
@@ -102,24 +88,21 @@ class Shared:
                 groups.setdefault(alone, []).append(reading)
         return groups
 
-    def recipe(self, reading: str, name: str) -> dict:
-        """Return what an artifact is made from, see `replication/records/recipes.py`."""
-        if (reading, name) not in self._recipes:
-            stage, options = self._job(reading, name)
-            declared = self.paper.stages[stage]
-            values = self._values[reading]
-            self._recipes[reading, name] = {
-                "inputs": {key: values[key] for key in declared.inputs},
-                "options": options,
-                "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
-                **self._reached(declared.entries),
-            }
-        return self._recipes[reading, name]
-
     def needs(self, reading: str, name: str) -> list[str]:
         """Return the paths of the artifacts that an artifact is made from."""
         stage, _ = self._job(reading, name)
         return [self.file(reading, need) for need in self.paper.stages[stage].needs]
+
+    def _recipe(self, reading: str, name: str) -> dict:
+        """What an artifact is made from, see `replication/records/recipes.py`."""
+        stage, options = self._job(reading, name)
+        declared = self.paper.stages[stage]
+        return {
+            "inputs": {key: self._values[reading][key] for key in declared.inputs},
+            "options": options,
+            "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
+            **self._reached("stage.py", *declared.entries),
+        }
 
     def _job(self, reading: str, name: str) -> tuple[str, dict]:
         """The stage that an artifact comes from, and its options: of a whole case the same in however many chunks."""
@@ -129,8 +112,3 @@ class Shared:
             options = whole_case(stage, self._flown[reading][stage], self.paper)
             return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}
         return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}
-
-    def _digest(self, reading: str, name: str) -> str:
-        if (reading, name) not in self._digests:
-            self._digests[reading, name] = recipe_digest(self.recipe(reading, name))
-        return self._digests[reading, name]

@@ -8,10 +8,10 @@ was made from wherever it is copied, and Snakemake's own records may be lost.
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from marsedl.replication.errors import ArtifactError, StaleError
 from marsedl.replication.inputs import CORRECTED
@@ -30,13 +30,12 @@ BENCHMARKS = "data/reference/benchmarks.csv"
 _TEMPLATES = "src/marsedl/replication/report/templates"
 
 
-@dataclass(frozen=True)
-class Made:
+class Made(NamedTuple):
     """One job: its name, what it is given beside products, and the products that it takes."""
 
-    name: str  # of its record
-    own: Mapping[str, object]
-    needs: tuple[str, ...]
+    name: str  # of its record; artifacts have none
+    own: dict[str, object]
+    needs: list[str]
 
 
 class Recipes:
@@ -46,49 +45,21 @@ class Recipes:
     """
 
     def __init__(
-        self,
-        root: Path,
-        papers: Mapping[str, Paper],
-        studies: Mapping[str, Study],
-        comparisons: Mapping[str, object],
-        size: str = FULL,
+        self, root: Path, papers: dict[str, Paper], studies: dict[str, Study], comparisons: dict, size: str = FULL
     ):
         """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them."""
         self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
         self.sources = fingerprints_of(root)
-        self.code, self.libraries = cache(self._code), cache(self._libraries)
-        self.shared = {slug: Shared(papers[slug], studies[slug], self._of_stage) for slug in papers}
-        self._committed = committed_inputs(root)
-        self._jobs: dict[str, Made] = {}
-        self._digests: dict[str, str] = {}
+        self.job, self._reached = cache(self._job), cache(self._reached_by)
+        self.shared = {slug: Shared(papers[slug], studies[slug], self._reached) for slug in papers}
+        self._committed, self._digests = committed_inputs(root), {}
 
-    # --- what jobs are given
+    # --- products
 
-    def _code(self, script: str, *entries: str) -> str:
-        """Digests of what a job's script and functions reach, and of the settings that all jobs have."""
-        settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
-        digests = [self.sources.code(script), *map(self.sources.code, entries), settings]
-        return " ".join(digest[:16] for digest in digests)
-
-    def _libraries(self, script: str, *entries: str) -> str:
-        """Versions of the libraries that a job's numbers can depend on: those that its script and functions use."""
-        used = [self.sources.libraries(script), *map(self.sources.libraries, entries)]
-        return versions_used(frozenset().union(*used))
-
-    def _of_stage(self, entries: Iterable[str]) -> dict[str, str]:
-        return self._reached("stage.py", *entries)
-
-    def _reached(self, script: str, *entries: str) -> dict[str, str]:
-        return {"code": self.code(script, *entries), "libraries": self.libraries(script, *entries)}
-
-    def file_digest(self, name: str) -> str:
-        """Return the digest of a file of the project; empty if there is none."""
-        path = self.root / name
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
-
-    def given(self, paper: str, reading: str, names: Iterable[str]) -> dict[str, object]:
-        """Return inputs of a reading by "section.name"."""
-        return self.studies[paper].readings[reading].slice(names)
+    def artifact(self, path: str) -> tuple[str, str, str]:
+        """Return paper, reading and name of an artifact."""
+        paper, reading, name = path.rpartition(ARTIFACTS)[2].removesuffix(".h5").split("/", 2)
+        return paper, reading, name
 
     def claimed(self, paper: str, reading: str) -> dict[str, str]:
         """Return all artifacts of a reading that its claims use, by the name of the parameter that takes them."""
@@ -96,157 +67,139 @@ class Recipes:
 
     def cache(self, paper: str) -> list[str]:
         """Return all artifacts of a paper that its claims use."""
-        readings = self.studies[paper].compared
-        return sorted({path for reading in readings for path in self.claimed(paper, reading).values()})
+        return sorted({path for name in self.studies[paper].compared for path in self.claimed(paper, name).values()})
 
     def products(self, paper: str) -> list[str]:
         """Return all figures and tables of a paper that `snakemake all` makes."""
         catalogue = self.papers[paper]
-        tables = [*catalogue.tables, *catalogue.summaries, "claims"]
-        return [f"figures/{paper}/{stem}.{ext}" for stem in catalogue.figures for ext in ("png", "pdf")] + [
-            f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")
-        ]
+        kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, *catalogue.summaries, "claims"], "csv md")
+        return [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
 
     def compared(self) -> list[str]:
         """Return all figures and tables of the comparison across papers."""
         return [f"figures/comparison/{stem}.{ext}" for stem in self.comparisons for ext in ("png", "pdf", "csv", "md")]
-
-    def all(self) -> list[str]:
-        """Return what `snakemake all` makes, but for what these are made from."""
-        return ["report/index.html", "report/claims.json", *(p for slug in self.papers for p in self.products(slug))]
 
     def compared_artifacts(self, stem: str) -> dict[str, dict[str, str]]:
         """Return the artifacts of a comparison by paper, by parameter."""
         takes = self.comparisons[stem].takes
         return {slug: self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()}
 
-    def claims_entries(self, paper: str) -> list[str]:
-        """Return a paper's claims with what they share, and its tables over all readings."""
-        summaries = [entry_of(paper, "tables", stem) for stem in self.papers[paper].summaries]
-        return [*self.sources.functions(f"marsedl.papers.{paper}.claims"), *summaries]
-
-    def as_committed(self, paper: str) -> bool:
-        """Whether verdicts count: the full size, with the inputs that the committed verdicts were found with."""
-        return self.size == FULL and self._committed.get(paper) == counted_inputs(self.studies[paper])
+    def all(self) -> list[str]:
+        """Return what `snakemake all` makes, but for what these are made from."""
+        return ["report/index.html", "report/claims.json"] + [p for slug in self.papers for p in self.products(slug)]
 
     # --- jobs
 
-    def job(self, path: str) -> Made:
-        """Return the job that makes a product."""
-        if path not in self._jobs:
-            self._jobs[path] = self._find(path)
-        return self._jobs[path]
+    def _reached_by(self, script: str, *entries: str) -> dict[str, str]:
+        """Digests of all code behind a job and of the settings of all jobs, and versions of the libraries in use."""
+        settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
+        digests = [*map(self.sources.code, (script, *entries)), settings]
+        libraries = frozenset().union(*map(self.sources.libraries, (script, *entries)))
+        return {"code": " ".join(digest[:16] for digest in digests), "libraries": versions_used(libraries)}
 
-    def _find(self, path: str) -> Made:
-        first, second, *others = path.split("/")
-        if path.startswith(ARTIFACTS):
-            paper, reading, name = self.artifact(path)
-            return Made("", self.shared[paper].recipe(reading, name), tuple(self.shared[paper].needs(reading, name)))
-        stem = (others[-1] if others else second).rpartition(".")[0]
-        if first == "report":
-            of_paper = {"claims": self._claims, "counterexamples": self._counterexamples}
-            of_all = {"claims.json": self._all_claims, "badge.json": self._all_claims, "digests.json": self._digests_of}
-            return of_paper[second](stem) if second in of_paper else of_all.get(second, self._site)()
-        if second == "comparison":
-            return self._comparison(stem)
-        if stem in {*self.papers[second].summaries, "claims"} and len(others) == 1:
-            return self._claims(second)
-        return self._product(second, others[0] if len(others) > 1 else CORRECTED, stem)
+    def _made(self, name: str, needs: Iterable[str], script: str, *entries: str, **own: object) -> Made:
+        """The job of a script that calls some functions."""
+        return Made(name, own | self._reached(script, *entries), [*needs])
 
-    def artifact(self, path: str) -> tuple[str, str, str]:
-        """Return paper, reading and name of an artifact."""
-        paper, reading, name = path.rpartition(ARTIFACTS)[2].removesuffix(".h5").split("/", 2)
-        return paper, reading, name
+    def _file_digest(self, name: str) -> str:
+        path = self.root / name
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
 
-    def stems(self, paper: str, stem: str) -> list[str]:
-        """Return the products that one job makes together: a figure alone, tables with those of equal needs."""
-        if stem in self.papers[paper].figures:
-            return [stem]
-        return next(tables for tables in self.papers[paper].tables_of_equal_needs() if stem in tables)
+    def _job(self, path: str) -> Made:
+        """The job that makes a product; `job` remembers it."""
+        stem = path.rpartition("/")[2].rpartition(".")[0]
+        match path.split("/"):
+            case "data", *_:
+                paper, reading, name = self.artifact(path)
+                return Made("", self.shared[paper].recipe(reading, name), self.shared[paper].needs(reading, name))
+            case "report", "claims", _:
+                return self._claims(stem)
+            case "report", "counterexamples", _:
+                needs = [*sorted(self.claimed(stem, CORRECTED).values()), f"report/claims/{stem}.json"]
+                job = f"report/counterexamples/{stem}", needs, "counterexamples.py", *self._claims_entries(stem)
+                return self._made(*job, **self._judging(stem, [CORRECTED]))
+            case "report", "claims.json" | "badge.json":
+                kinds = "claims", "counterexamples"
+                needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
+                return self._made("report/claims", needs, "all_claims.py")
+            case "report", "digests.json":
+                of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
+                return self._made("report/digests", [*of_papers, *self.compared(), "report/claims.json"], "digests.py")
+            case "report", *_:
+                return self._site()
+            case _, "comparison", _:
+                return self._comparison(stem)
+            case _, paper, _ if stem in {*self.papers[paper].summaries, "claims"}:
+                return self._claims(paper)
+            case _, paper, *reading, _:
+                return self._product(paper, reading[0] if reading else CORRECTED, stem)
 
     def _product(self, paper: str, reading: str, stem: str) -> Made:
-        stems, catalogue = self.stems(paper, stem), self.papers[paper]
-        kind = "figures" if stem in catalogue.figures else "tables"
+        """A figure, or all tables of equal needs, which one job makes."""
+        catalogue, kind, stems = self.papers[paper], "figures", [stem]
+        if stem not in catalogue.figures:
+            kind, stems = "tables", next(tables for tables in catalogue.tables_of_equal_needs() if stem in tables)
         products = [catalogue.product(name) for name in stems]
-        shows_printed = any(product.published for product in products)
-        own = {
-            "stems": stems,
-            "inputs": self.given(paper, reading, {name for product in products for name in product.inputs}),
-            "printed": self.file_digest(f"data/published/{paper}.yaml") if shows_printed else "",
-            **self._reached(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
-        }
-        files = self.shared[paper].files(reading, products[0].needs, products[0].optional)
-        place = f"{paper}/" if reading == CORRECTED else f"{paper}/{reading}/"
-        return Made(f"figures/{place}{stems[0]}", own, tuple(files.values()))
+        inputs = {name for product in products for name in product.inputs}
+        printed = any(product.published for product in products)
+        return self._made(
+            f"figures/{paper}/{'' if reading == CORRECTED else f'{reading}/'}{stems[0]}",
+            self.shared[paper].files(reading, products[0].needs, products[0].optional).values(),
+            *(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
+            stems=stems,
+            inputs=self.studies[paper].readings[reading].slice(inputs),
+            printed=self._file_digest(f"data/published/{paper}.yaml") if printed else "",
+        )
 
     def _comparison(self, stem: str) -> Made:
-        compared = self.comparisons[stem]
-        entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *compared.papers)]
-        own = {
-            "inputs": {slug: self.given(slug, CORRECTED, taken.inputs) for slug, taken in compared.takes.items()},
-            **self._reached("comparison.py", *entries),
-        }
-        files = self.compared_artifacts(stem)
-        return Made(f"figures/comparison/{stem}", own, tuple(path for of in files.values() for path in of.values()))
+        takes = self.comparisons[stem].takes
+        needs = [path for files in self.compared_artifacts(stem).values() for path in files.values()]
+        entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
+        inputs = {slug: self.studies[slug].readings[CORRECTED].slice(taken.inputs) for slug, taken in takes.items()}
+        return self._made(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
 
     def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
         """What claims are judged from in some readings."""
         return {
             "inputs": {name: self.studies[paper].readings[name].inputs.plain() for name in readings},
             "artifacts": {name: self.claimed(paper, name) for name in readings},
-            "published": self.file_digest(f"data/published/{paper}.yaml"),
-            "measured": self.file_digest(BENCHMARKS) if self.papers[paper].measured else "",
+            "published": self._file_digest(f"data/published/{paper}.yaml"),
+            "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
         }
 
+    def _claims_entries(self, paper: str) -> list[str]:
+        """A paper's claims with what they share, and its tables over all readings."""
+        summaries = [entry_of(paper, "tables", stem) for stem in self.papers[paper].summaries]
+        return [*self.sources.functions(f"marsedl.papers.{paper}.claims"), *summaries]
+
     def _claims(self, paper: str) -> Made:
-        study, catalogue = self.studies[paper], self.papers[paper]
+        study = self.studies[paper]
         judged = {
-            "known_errata": [erratum.id for erratum in catalogue.errata],
-            "require_reasons": self.as_committed(paper),
+            "known_errata": [erratum.id for erratum in self.papers[paper].errata],
+            # Verdicts count for the full size with the inputs that the committed verdicts were found with.
+            "require_reasons": self.size == FULL and self._committed.get(paper) == counted_inputs(study),
             "left_out": sorted(study.readings.keys() - set(study.compared)),
             "size": self.size,
         }
-        reached = self._reached("claims.py", *self.claims_entries(paper))
-        own = {**self._judging(paper, study.compared), "judged": judged, **reached}
-        return Made(f"report/claims/{paper}", own, tuple(self.cache(paper)))
-
-    def _counterexamples(self, paper: str) -> Made:
-        own = {
-            **self._judging(paper, [CORRECTED]),
-            **self._reached("counterexamples.py", *self.claims_entries(paper)),
-        }
-        needs = (*sorted(self.claimed(paper, CORRECTED).values()), f"report/claims/{paper}.json")
-        return Made(f"report/counterexamples/{paper}", own, needs)
-
-    def _all_claims(self) -> Made:
-        needs = [f"report/{kind}/{paper}.json" for kind in ("claims", "counterexamples") for paper in self.papers]
-        return Made("report/claims", {"code": self.code("all_claims.py")}, tuple(needs))
-
-    def _every_product(self) -> list[str]:
-        of_papers = [path for paper in self.papers for path in self.products(paper) + self.cache(paper)]
-        return [*of_papers, *self.compared(), "report/claims.json"]
-
-    def _digests_of(self) -> Made:
-        return Made("report/digests", {"code": self.code("digests.py")}, tuple(self._every_product()))
+        job = f"report/claims/{paper}", self.cache(paper), "claims.py", *self._claims_entries(paper)
+        return self._made(*job, judged=judged, **self._judging(paper, study.compared))
 
     def _site(self) -> Made:
-        shown = [(paper, name) for paper, catalogue in self.papers.items() for name in catalogue.closeups]
-        closeups = [entry_of(paper, "closeups", name) for paper, name in shown]
-        places = [*(f"papers/{paper}" for paper in self.papers), "comparison"]
-        templates = sorted(path.name for path in (self.root / _TEMPLATES).glob("*.*"))
-        files = [BENCHMARKS, *(f"src/marsedl/{place}/{TEXTS}" for place in places)]
-        own = {
-            "size": self.size,
-            "readings": {paper: self.described(paper) for paper in self.papers},
-            "files": {name: self.file_digest(name) for name in (*files, *(f"{_TEMPLATES}/{t}" for t in templates))},
-            "catalogues": {paper: self.sources.code(f"marsedl.papers.{paper}:PAPER") for paper in self.papers},
-            "code": self.code("report.py", *closeups),
-            "libraries": self.libraries("report.py", *closeups),
-        }
-        return Made("report/index", own, (*self._every_product(), "report/digests.json"))
+        digests = "report/digests.json"
+        packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
+        templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
+        files = [BENCHMARKS, *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
+        closeups = [entry_of(slug, "closeups", name) for slug, paper in self.papers.items() for name in paper.closeups]
+        return self._made(
+            *("report/index", [*self.job(digests).needs, digests], "report.py", *closeups),
+            size=self.size,
+            readings={paper: self._described(paper) for paper in self.papers},
+            files={name: self._file_digest(name) for name in files},
+            catalogues={paper: self.sources.code(f"marsedl.papers.{paper}:PAPER") for paper in self.papers},
+        )
 
-    def described(self, paper: str) -> dict[str, dict]:
-        """Return a paper's readings for the report: what they are for, every input as it is written, its source."""
+    def _described(self, paper: str) -> dict[str, dict]:
+        """A paper's readings for the report: what they are for, every input as it is written, its source."""
         return {
             name: {
                 "summary": reading.summary,
@@ -261,26 +214,20 @@ class Recipes:
 
     def digest(self, path: str) -> str:
         """Return the digest of a product's recipe, see `replication/records/recipes.py`."""
-        job = self.job(path)
-        key = job.name or path
+        name, own, needs = self.job(path)
+        key = name or path
         if key not in self._digests:
-            recipe = job.own if not job.name else {**job.own, "needs": {need: self.digest(need) for need in job.needs}}
+            recipe = own if not name else {**own, "needs": {need: self.digest(need) for need in needs}}
             self._digests[key] = recipe_digest(recipe)
         return self._digests[key]
 
     def record(self, path: str) -> tuple[str, str]:
-        """Return the file in which a job records what its products were made from, and the digest for it.
-
-        path: of a product; whatever stands before `figures` or `report` is where Snakemake keeps it.
-        """
-        path = re.search(r"(figures|report)/.*", path)[0]
+        """Return the file in which a product's job records what it was made from, and the digest for it."""
+        path = re.search(r"(figures|report)/.*", path)[0]  # what is before that is where Snakemake keeps it
         return f"{RECORDS}{self.job(path).name}.txt", self.digest(path)
 
     def reason(self, path: str, folder: Path) -> str:
-        """Say why a product of the build in a folder is not what would be made now; empty if it is.
-
-        Raises ArtifactError if it is a damaged artifact.
-        """
+        """Say why a product of the build in a folder is not what would be made now; raises ArtifactError if damaged."""
         if not (folder / path).exists():
             return "is missing"
         if path.startswith(ARTIFACTS):
@@ -291,11 +238,10 @@ class Recipes:
                 return ""
             return f"was made from something else: {'; '.join(recipe_changes(stored, self.job(path).own))}"
         name, digest = self.record(path)
-        record = folder / name
-        recorded = record.read_text(encoding="utf-8").strip() if record.exists() else ""
-        if recorded == digest:
-            return ""
-        return "was made from other inputs or code" if recorded else "has no record of what it was made from"
+        if not (folder / name).exists():
+            return "has no record of what it was made from"
+        recorded = (folder / name).read_text(encoding="utf-8").strip()
+        return "" if recorded == digest else "was made from other inputs or code"
 
     def is_stale(self, path: str, folder: Path) -> bool:
         """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
@@ -304,27 +250,17 @@ class Recipes:
         except ArtifactError:
             return False
 
-    def behind(self, targets: Iterable[str]) -> Iterator[str]:
+    def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:
         """Yield products with all that they are made from, nothing before what it needs."""
-        seen: set[str] = set()
-
-        def visit(path: str) -> Iterator[str]:
+        seen = set() if seen is None else seen
+        for path in targets:
             if path not in seen:
                 seen.add(path)
-                for need in self.job(path).needs:
-                    yield from visit(need)
+                yield from self.behind(self.job(path).needs, seen)
                 yield path
 
-        for target in targets:
-            yield from visit(target)
-
-    def check(self, targets: Iterable[str], folder: Path, command: str) -> list[str]:
-        """Return products of a build with all that they are made from.
-
-        Raises StaleError, which names the command that mends it, for the first that is missing or stale.
-        """
-        files = list(self.behind(targets))
-        for path in files:
+    def check(self, targets: Iterable[str], folder: Path, command: str) -> None:
+        """Raise StaleError, which names the command to run, if a product or one behind it is not up to date."""
+        for path in self.behind(targets):
             if reason := self.reason(path, folder):
                 raise StaleError(f"{folder / path} {reason}; the build is not up to date, run '{command}'")
-        return files

@@ -1,17 +1,16 @@
-"""The nearest target of a misspelt one, and the owner's file for that of a reading that shares it."""
+"""What a user asks Snakemake for: the nearest target of a misspelt one, the owner's file of a shared artifact."""
 
 import difflib
+import itertools
 import os
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.pipeline.catalogue import FLIGHTS
-from marsedl.replication.pipeline.sharing import Shared
-from marsedl.replication.pipeline.staleness import Recipes
+from marsedl.replication.pipeline.staleness import ARTIFACTS, Recipes
 
-PRODUCTS = ("figures/", "data/cache/", "report/claims/")  # of what a user may ask for by path
+_PRODUCTS = ("figures/", ARTIFACTS, "report/claims/")  # of what a user may ask for by path
 
 
 def words_of(arguments: list[str]) -> list[str]:
@@ -22,23 +21,29 @@ def words_of(arguments: list[str]) -> list[str]:
 
 
 def check_targets(words: list[str], rules: Collection[str], recipes: Recipes) -> None:
-    """Raise InputError, with the nearest name, if a word before the first option is a target that nothing makes.
+    """Raise InputError if a word is the file of a reading that shares another's, or is a target that nothing makes.
 
     Args:
-        words: after the program, see `words_of`.
+        words: after the program, see `words_of`; behind the first option they need not be targets.
         rules: the names of all rules.
         recipes: those of all products.
 
     """
-    end = next((place for place, word in enumerate(words) if word.startswith("-")), len(words))
-    for word in words[:end]:
+    paths = [os.path.normpath(word) for word in words]
+    files = _files(recipes) if any(path.startswith(_PRODUCTS) for path in paths) else set()
+    for path in paths:
+        if path.startswith(ARTIFACTS) and path in files:
+            paper, reading, name = recipes.artifact(path)
+            if path != (owned := recipes.shared[paper].file(reading, name)):
+                raise InputError(f"{path} is not built: the reading shares {owned}; ask for that")
+    for word in itertools.takewhile(lambda word: not word.startswith("-"), words):
         path = os.path.normpath(word)
-        if path in rules or "/chunks/" in path:
+        if path in rules or path in files or "/chunks/" in path:
             continue
         if "/" not in word:
-            targets = ["all", "claims", "report", *recipes.papers]
-            raise InputError(f"there is no target '{word}'; {nearest(word, targets)}")
-        if path.startswith(PRODUCTS) and path not in (files := _files(recipes)):
+            names = ["all", "claims", "report", *recipes.papers]
+            raise InputError(f"there is no target '{word}'; {nearest(word, names)}")
+        if path.startswith(_PRODUCTS):
             near = difflib.get_close_matches(path, files, n=1, cutoff=0.8)
             hint = f"did you mean '{near[0]}'?" if near else "'marsedl list' shows what there is"
             raise InputError(f"nothing makes '{word}'; {hint}")
@@ -47,23 +52,13 @@ def check_targets(words: list[str], rules: Collection[str], recipes: Recipes) ->
 def _files(recipes: Recipes) -> set[str]:
     """The figures, tables and artifacts of all papers and readings, also of those that `all` leaves out."""
     files = {*recipes.compared()}
-    for slug, shared in recipes.shared.items():
+    for slug, paper in recipes.papers.items():
         files |= {f"report/claims/{slug}.json", *recipes.products(slug)}
-        products = [(recipes.papers[slug].figures, ("png", "pdf")), (recipes.papers[slug].tables, ("csv", "md"))]
-        stages = [stage for stage in recipes.papers[slug].stages if not stage.startswith(FLIGHTS)]
+        stages = [stage for stage in paper.stages if not stage.startswith(FLIGHTS)]
         for name, reading in recipes.studies[slug].readings.items():
             artifacts = [*stages, *(f"{FLIGHTS}.{case}" for case in reading.trial_counts())]
-            files.update(f"data/cache/{slug}/{name}/{artifact}.h5" for artifact in artifacts)
-            for of_kind, suffixes in products:
-                made = (s for s, product in of_kind.items() if all(shared.has(name, need) for need in product.needs))
+            files.update(f"{ARTIFACTS}{slug}/{name}/{artifact}.h5" for artifact in artifacts)
+            for of_kind, suffixes in ((paper.figures, ("png", "pdf")), (paper.tables, ("csv", "md"))):
+                made = [s for s, p in of_kind.items() if all(recipes.shared[slug].has(name, need) for need in p.needs)]
                 files.update(f"figures/{slug}/{name}/{stem}.{suffix}" for stem in made for suffix in suffixes)
     return files
-
-
-def owned_elsewhere(target: str, shared: Mapping[str, Shared]) -> str:
-    """Return the file of the reading that owns an artifact, if it is another one; empty for any other target."""
-    match = re.fullmatch(r"data/cache/([^/]+)/([^/]+)/([^/]+)\.h5", os.path.normpath(target) if target else "")
-    if not match or match[1] not in shared or not shared[match[1]].has(match[2], match[3]):
-        return ""
-    path = shared[match[1]].file(match[2], match[3])
-    return "" if path == match[0] else path

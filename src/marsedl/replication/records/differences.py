@@ -6,42 +6,22 @@ import io
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from marsedl.replication.errors import InputError, shown
-from marsedl.replication.records.fields import PROVENANCE
-from marsedl.replication.records.store import arrays_digest, canonical, opened
+from marsedl.replication.errors import InputError
+from marsedl.replication.records.store import PROVENANCE, arrays_digest, canonical, opened
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
-_NOTHING = object()  # where one of two files has no value
-
-
-@dataclass(frozen=True)
-class Difference:
-    """One row of a comparison: where two products differ, and by how much if they differ in numbers."""
-
-    file: str  # path relative to the compared folders, or the first file's path
-    field: str  # dataset, attribute, column or key; "" for the file as a whole
-    what: str
-    absolute: float | None = None  # greatest |a - b|
-    relative: float | None = None  # greatest |a - b| / max(|a|, |b|)
-    place: str = ""  # where the greatest absolute (else the first) difference is
-
-    def __str__(self) -> str:
-        """Return the row for a person, in one line."""
-        size = "" if self.absolute is None else f", at most {self.absolute:.3g} (relative {self.relative:.3g})"
-        place = f", at {self.place}" if self.place else ""
-        return ": ".join(part for part in (self.file, self.field, self.what) if part) + size + place
+Leaves = Iterator[tuple[tuple[str, str], Any]]  # field and place of a value, and the value
 
 
 def digest(path: str | Path) -> str:
-    """SHA-256 of a product file, as 64 hexadecimal digits.
+    """Return the SHA-256 of a product file, as 64 hexadecimal digits.
 
     Of HDF5: paths, types, shapes, values and attributes, whatever the compression or byte order, without /provenance
     and without the artifact's line of meaning (a docstring, and editing docstrings rebuilds nothing). What a field's
@@ -65,55 +45,74 @@ def digest_tree(folder: str | Path, patterns: Iterable[str]) -> dict[str, str]:
     return {name: digest(path) for name, path in sorted((path.relative_to(folder).as_posix(), path) for path in paths)}
 
 
-def difference(a: str | Path, b: str | Path) -> list[Difference]:
-    """What differs between two files of one kind, or between two folders; an empty list if nothing does.
+def difference(a: str | Path, b: str | Path) -> list[str]:
+    """Say in lines what differs between two files or folders, and by how much and where; no line if nothing does.
 
     HDF5 is compared by dataset and attribute (what `digest` counts), JSON by key, CSV by column, all else by bytes.
     Raises InputError if one of them is missing or if one is a folder and the other is not.
     """
     a, b = Path(a), Path(b)
-    if not (a.is_dir() and b.is_dir()):
-        if a.is_dir() != b.is_dir() and a.exists() and b.exists():
-            raise InputError(f"{a} and {b}: one is a folder and the other a file: name two files or two folders")
-        return _file_difference(_existing_file(a), _existing_file(b), str(a))
-    in_a, in_b = ({path.relative_to(top).as_posix() for path in top.rglob("*") if path.is_file()} for top in (a, b))
-    rows = []
-    for name in sorted(in_a | in_b):
-        if name in in_a & in_b:
-            rows += _file_difference(a / name, b / name, name)
+    pairs = {str(a): (a, b)}
+    if a.is_dir() and b.is_dir():
+        paths = ((path, top) for top in (a, b) for path in top.rglob("*") if path.is_file())
+        names = sorted({path.relative_to(top).as_posix() for path, top in paths})
+        pairs = {name: (a / name, b / name) for name in names}
+    else:
+        _existing_file(a), _existing_file(b)
+    lines = []
+    for name, (one, other) in pairs.items():
+        if one.is_file() and other.is_file():
+            lines += [f"{name}: {line}" for line in _file_differences(one, other)]
         else:
-            rows.append(Difference(name, "", f"only in {a if name in in_a else b}"))
-    return rows
-
-
-def format_difference(rows: list[Difference]) -> str:
-    """The rows of `difference` as text for a person, one line each."""
-    return "\n".join(map(str, rows)) or "no difference"
+            lines.append(f"{name}: only in {a if one.is_file() else b}")
+    return lines
 
 
 def _existing_file(path: str | Path) -> Path:
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder: name two files or two folders")
     if not path.is_file():
         raise InputError(f"{path}: the file does not exist: build it first, or correct the name")
     return path
 
 
-def _file_difference(a: Path, b: Path, name: str) -> list[Difference]:
+def _file_differences(a: Path, b: Path) -> list[str]:
     if {a.suffix, b.suffix} <= set(HDF5_SUFFIXES):
-        return list(_hdf5_differences(a, b, name))
+        return list(_hdf5_differences(a, b))
     bytes_a, bytes_b = a.read_bytes(), b.read_bytes()
     if bytes_a == bytes_b:
         return []
-    if a.suffix not in _LEAVES or a.suffix != b.suffix:
-        return [Difference(name, "", f"bytes differ ({len(bytes_a)} and {len(bytes_b)} bytes)")]
+    leaves = {".json": _json_leaves, ".csv": _csv_leaves}.get(a.suffix)
+    if leaves is None or a.suffix != b.suffix:
+        return [f"bytes differ ({len(bytes_a)} and {len(bytes_b)} bytes)"]
     try:
-        leaves_a, leaves_b = (dict(_LEAVES[a.suffix](data.decode("utf-8-sig"))) for data in (bytes_a, bytes_b))
+        found = _leaf_differences(*(dict(leaves(data.decode("utf-8-sig"))) for data in (bytes_a, bytes_b)))
+        return list(found) or ["same content, written differently"]
     except (ValueError, csv.Error) as error:
-        return [Difference(name, "", f"bytes differ (not readable as {a.suffix[1:]}: {error})")]
-    return _leaf_differences(name, leaves_a, leaves_b) or [Difference(name, "", "same content, written differently")]
+        return [f"bytes differ (not readable as {a.suffix[1:]}: {error})"]
 
 
-# ---------------------------------------------------------------------------------------------------------------- HDF5
+def _compared(a: Sequence, b: Sequence, numbers: bool) -> tuple[str, int] | None:
+    """How many of two rows of values differ and by how much or which, and the index of the worst; None if none does.
+
+    Equal infinities and two NaN do not differ, one NaN differs infinitely.
+    """
+    a, b = (np.array(row, np.longdouble if numbers else str) for row in (a, b))  # integers with all of their digits
+    if numbers:
+        same = (a == b) | (np.isnan(a) & np.isnan(b))
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            absolute = np.abs(a - b)
+            relative = absolute / np.maximum(np.abs(a), np.abs(b))
+        for gaps in (absolute, relative):
+            gaps[np.isnan(gaps)] = np.inf
+            gaps[same] = 0
+        size = f"at most {absolute.max():.3g} (relative {relative.max():.3g})"
+        worst, count = int(absolute.argmax()), np.count_nonzero(absolute)
+    else:
+        worst, count = int(np.argmax(a != b)), np.count_nonzero(a != b)
+        size = f"{a[worst]:.100} and {b[worst]:.100}"
+    return (f"{count} of {len(a)} values differ, {size}", worst) if count else None
 
 
 def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
@@ -122,7 +121,10 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
 
     def add(node: h5py.Group | h5py.Dataset, name: str) -> None:
         if isinstance(node, h5py.Dataset):
-            content[name] = np.array(node.shape) if _is_bare_scale(node) else np.asarray(node[()])
+            # A scale of a dimension that has no values has nothing but its extent.
+            bare = node.attrs.get("CLASS") == b"DIMENSION_SCALE" and node.id.get_storage_size() == 0
+            text = h5py.check_string_dtype(node.dtype)
+            content[name] = np.array(node.shape) if bare else np.asarray((node.asstr() if text else node)[()])
         else:
             content[f"{name}/"] = None
             for key in sorted(node.keys() - ({PROVENANCE} if name == "" else set())):
@@ -140,66 +142,32 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
     return content
 
 
-def _is_bare_scale(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset is a dimension scale without values, which has nothing but its extent."""
-    return dataset.attrs.get("CLASS") == b"DIMENSION_SCALE" and dataset.id.get_storage_size() == 0
-
-
-def _hdf5_differences(a: Path, b: Path, name: str) -> Iterator[Difference]:
+def _hdf5_differences(a: Path, b: Path) -> Iterator[str]:
     content_a, content_b = _hdf5_content(a), _hdf5_content(b)
     for field in sorted(content_a.keys() | content_b.keys()):
         if field not in content_a or field not in content_b:
-            yield Difference(name, field, f"only in {a if field in content_a else b}")
+            yield f"{field}: only in {a if field in content_a else b}"
             continue
         one, other = content_a[field], content_b[field]
         if one is None or other is None:
             continue  # groups
         (type_a, data_a), (type_b, data_b) = canonical(one), canonical(other)
         if type_a != type_b:
-            yield Difference(name, field, f"type {type_a} and {type_b}")
+            yield f"{field}: type {type_a} and {type_b}"
         elif one.shape != other.shape:
-            yield Difference(name, field, f"shape {one.shape} and {other.shape}")
+            yield f"{field}: shape {one.shape} and {other.shape}"
         elif data_a != data_b:
-            yield _array_difference(name, field, one, other)
+            numbers = one.dtype.kind in "iuf"
+            rows = (array.ravel() if numbers else list(map(repr, array.ravel().tolist())) for array in (one, other))
+            what, worst = _compared(*rows, numbers) or ("signs of zeros differ", None)
+            place = () if worst is None else np.unravel_index(worst, one.shape)
+            yield f"{field}: {what}" + (f", at {list(map(int, place))}" if place else "")
 
 
-def _array_difference(name: str, field: str, a: np.ndarray, b: np.ndarray) -> Difference:
-    """The row for two arrays of equal type and shape but unequal values."""
-    numbers = a.dtype.kind in "iuf"
-    if numbers:  # integers need all of their digits
-        absolute, relative = _gaps(a.astype(np.longdouble), b.astype(np.longdouble))
-    differs = np.asarray(absolute > 0 if numbers else a != b)
-    if not differs.any():
-        return Difference(name, field, "signs of zeros differ")
-    worst = np.unravel_index(np.argmax(absolute if numbers else differs), a.shape)
-    place = "[" + ", ".join(str(int(index)) for index in worst) + "]" if worst else ""
-    what = f"{np.count_nonzero(differs)} of {a.size} values differ"
-    if numbers:
-        return Difference(name, field, what, float(absolute.max()), float(relative.max()), place)
-    return Difference(name, field, f"{what}, {_shown(a[worst])} and {_shown(b[worst])}", place=place)
+def _json_leaves(text: str) -> Leaves:
+    """The field of a leaf is its place without the indices of lists."""
 
-
-def _gaps(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Absolute and relative differences; equal infinities and two NaN do not differ, one NaN differs infinitely."""
-    same = (a == b) | (np.isnan(a) & np.isnan(b))
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        absolute = np.where(same, 0, np.abs(a - b))
-        relative = np.where(same, 0, absolute / np.maximum(np.abs(a), np.abs(b)))
-    return np.where(np.isnan(absolute), np.inf, absolute), np.where(np.isnan(relative), np.inf, relative)
-
-
-def _shown(value: Any) -> str:
-    value = value.item() if isinstance(value, np.generic | np.ndarray) else value
-    return shown(value.decode("utf-8", "replace") if isinstance(value, bytes) else value)
-
-
-# -------------------------------------------------------------------------------------------------------- JSON and CSV
-
-
-def _json_leaves(text: str) -> Iterator[tuple[str, tuple[str, Any]]]:
-    """Place and (field, value) of each leaf; the field is the place without the indices of lists."""
-
-    def leaves(value: Any, place: str) -> Iterator[tuple[str, tuple[str, Any]]]:
+    def leaves(value: Any, place: str) -> Leaves:
         if isinstance(value, dict) and value:
             for key, item in value.items():
                 yield from leaves(item, f"{place}.{key}" if place else key)
@@ -207,53 +175,32 @@ def _json_leaves(text: str) -> Iterator[tuple[str, tuple[str, Any]]]:
             for index, item in enumerate(value):
                 yield from leaves(item, f"{place}[{index}]")
         else:
-            yield place, (re.sub(r"\[\d+\]", "[]", place), value)
+            yield (re.sub(r"\[\d+\]", "[]", place), place), value
 
     return leaves(json.loads(text), "")
 
 
-def _csv_leaves(text: str) -> Iterator[tuple[str, tuple[str, Any]]]:
-    """Place and (column, value) of each cell; the first row names the columns."""
-    header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
-    for number, cell in enumerate(header, start=1):
-        yield f"header {number}", ("header", cell)
-    for line, row in enumerate(rows, start=2):
-        for number, cell in enumerate(row):
-            column = header[number] if number < len(header) else f"column {number + 1}"
-            yield f"line {line}, {column}", (column, _number(cell))
+def _csv_leaves(text: str) -> Leaves:
+    """The field of a cell is its column."""
+    for line, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), start=2):
+        for column, cell in row.items():
+            try:
+                value = float(cell)
+            except (TypeError, ValueError):
+                value = cell
+            yield (str(column), f"line {line}"), value
 
 
-def _number(cell: str) -> float | str:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell
-
-
-_LEAVES = {".json": _json_leaves, ".csv": _csv_leaves}
-
-
-def _leaf_differences(name: str, a: dict[str, tuple[str, Any]], b: dict[str, tuple[str, Any]]) -> list[Difference]:
-    """A row for the numbers of each field that differ, with the greatest difference, and one for all else."""
-    numbers, texts = defaultdict(list), defaultdict(list)
-    for place in {**a, **b}:
-        field = (a.get(place) or b[place])[0]
-        one, other = (side.get(place, (field, _NOTHING))[1] for side in (a, b))
-        if _NOTHING in (one, other):
-            side, value = ("first", one) if other is _NOTHING else ("second", other)
-            texts[field].append((f"only in the {side}: {_shown(value)}", place))
-        elif type(one) in (int, float) and type(other) in (int, float):
-            absolute, relative = map(float, _gaps(np.longdouble(one), np.longdouble(other)))
-            if absolute > 0:
-                numbers[field].append((absolute, relative, place))
-        elif one != other or type(one) is not type(other):
-            texts[field].append((f"{_shown(one)} and {_shown(other)}", place))
-    rows = []
-    for field, found in numbers.items():
-        absolute, _, place = max(found, key=lambda item: item[0])
-        what = f"{len(found)} number{'s differ' if len(found) > 1 else ' differs'}"
-        rows.append(Difference(name, field, what, absolute, max(relative for _, relative, _ in found), place))
-    for field, found in texts.items():
-        (what, place), more = found[0], f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        rows.append(Difference(name, field, what + more, place=place))
-    return rows
+def _leaf_differences(a: dict[tuple[str, str], Any], b: dict[tuple[str, str], Any]) -> Iterator[str]:
+    """A line for the numbers of each field that differ, with the greatest difference, and one for all else."""
+    rows = defaultdict(list)
+    for field, place in a | b:
+        found = [side[field, place] for side in (a, b) if (field, place) in side]
+        numbers = len(found) == 2 and all(type(value) in (int, float) for value in found)
+        texts = (repr(side[field, place]) if (field, place) in side else "nothing" for side in (a, b))
+        rows[field, numbers].append((place, *(found if numbers else texts)))
+    for (field, numbers), found in rows.items():
+        places, *values = zip(*found, strict=True)
+        if differing := _compared(*values, numbers):
+            what, worst = differing
+            yield f"{field}: {what}, at {places[worst]}"

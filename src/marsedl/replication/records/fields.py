@@ -1,59 +1,56 @@
-"""Types of artifacts: arrays with unit, dimensions and a line of meaning per field."""
+"""Types of artifacts: frozen dataclasses of arrays with unit, dimensions and a line of meaning per field.
+
+    MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
+
+    @record
+    class Nominal:
+        \"\"\"Mass profile and mean trajectory.\"\"\"
+
+        time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
+        mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean position and velocity", label="mean state")
+        iterations: int = quantity("1", (), "passes of the mass iteration")
+
+A field that lies along a dimension of its own name holds its coordinates.
+"""
 
 import dataclasses
-import functools
 import hashlib
 import json
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, dataclass_transform
 
 import numpy as np
 
 from marsedl.replication.errors import ArtifactError, nearest
+from marsedl.replication.terminal import UNLIMITED, columns
 from marsedl.summaries import value_range
 
-PROVENANCE = "provenance"
 STORED_DTYPES = {"float64": "<f8", "int64": "<i8", "int8": "|i1", "bool": "|b1"}
 _DTYPE_OF_ANNOTATION = {"int": "int64", "float": "float64", "bool": "bool", "str": "str"}
+TRIALS = "trials"  # the dimension along which single trials are kept
 
 
 class Axis(int):
     """A dimension of fixed extent whose components have names, and units if they differ or are fixed.
 
-        MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
-        LAW = Axis("law", "open", "closed")
-
-    It is an integer, the number of its components, and serves as an extent in the dims of `quantity`:
-
-        covariance: np.ndarray = quantity("SI", ("time", MOTION, MOTION), "predicted covariance")
-
-    `name` is the dimension's, `names` are those of the components, `units` their units by name ("" where the field
-    says them), `unit` all units as `quantity` takes them: `MOTION.unit` is "m, m, m/s, m/s". `MOTION.index("altitude")`
-    is the place of a component, `MOTION.label("vertical_velocity")` its name in words. A further axis builds on
-    another by `Axis("state", **MOTION.units, mass="kg")`.
+    It is an integer, the number of its components, and serves as an extent in the dims of `quantity`. `name` is the
+    dimension's, `units` are those of the components by name ("" where the field says them). A further axis builds on
+    another by `Axis("state", **MOTION.units, mass="kg")`; `Axis("law", "open", "closed")` has no units.
     """
 
     name: str
     units: dict[str, str]
 
     def __new__(cls, name: str, /, *components: str, **units: str) -> "Axis":
-        """Take the name of the dimension and the components: names alone, or names with units.
-
-        Raises TypeError for components of equal names.
-        """
-        all_units = {**dict.fromkeys(components, ""), **units}
-        if len(all_units) != len(components) + len(units):
-            raise TypeError(f"axis {name!r} has components of equal names: {', '.join([*components, *units])}")
-        axis = super().__new__(cls, len(all_units))
-        axis.name, axis.units = name, all_units
+        """Take the name of the dimension and the components: names alone, or names with units."""
+        units = {**dict.fromkeys(components, ""), **units}
+        axis = super().__new__(cls, len(units))
+        axis.name, axis.units = name, units
         return axis
 
-    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, str]]:
-        """Return what a copy is made from."""
-        return (self.name,), self.units
-
     def __repr__(self) -> str:
-        """Return the name: so the dimension is called in messages and files."""
+        """Return the name, by which messages and files call the dimension."""
         return self.name
 
     @property
@@ -63,24 +60,24 @@ class Axis(int):
 
     @property
     def unit(self) -> str:
-        """Unit of values along this axis: one for all components, or one of each, separated by commas."""
+        """Unit of values along this axis, as `quantity` takes it: one for all components, or "m, m, m/s, m/s"."""
         units = list(self.units.values())
         return units[0] if len(set(units)) == 1 else ", ".join(units)
 
     def index(self, component: str) -> int:
-        """Place of a component. Raises ArtifactError naming the nearest one if there is none of this name."""
+        """Return the place of a component; raises ArtifactError naming the nearest one if there is none."""
         if component not in self.units:
             raise ArtifactError(f"axis {self.name!r} has no component {component!r}: {nearest(component, self.units)}")
         return self.names.index(component)
 
     def label(self, component: str) -> str:
-        """Name of a component in words. Raises ArtifactError as `index` does."""
+        """Return the name of a component in words; raises ArtifactError as `index` does."""
         return self.names[self.index(component)].replace("_", " ")
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Declaration of one field: its unit, dimensions, meaning, stored type and short label."""
+    """Declaration of one field, see `quantity`."""
 
     unit: str
     dims: tuple[str | int, ...]
@@ -91,13 +88,7 @@ class Quantity:
 
 
 def quantity(
-    unit: str,
-    dims: tuple[str | int, ...],
-    meaning: str,
-    dtype: Any = None,
-    *,
-    allow_nan: bool = False,
-    label: str = "",
+    unit: str, dims: tuple[str | int, ...], meaning: str, dtype: Any = "", *, allow_nan: bool = False, label: str = ""
 ) -> Any:
     """Declare a field of an artifact type.
 
@@ -108,15 +99,9 @@ def quantity(
     dtype: float64, int64, int8, bool or str; by default what the annotation (int, float, bool, str) says, else float64
     allow_nan: NaN is a legitimate value of this field (infinities never are)
     label: a few words for the axes of figures and the heads of tables; by default the field's name in words
-
-    Raises TypeError for dims or a dtype of another kind.
     """
-    if not isinstance(dims, tuple) or not all(isinstance(extent, str | int) for extent in dims):
-        raise TypeError(f"dims must be a tuple of names and fixed extents, not {dims!r}")
-    name = "" if dtype is None else "str" if dtype in (str, "str") else np.dtype(dtype).name
-    if name not in ("", "str", *STORED_DTYPES):
-        raise TypeError(f"dtype must be one of str, {', '.join(STORED_DTYPES)}, not {dtype!r}")
-    return dataclasses.field(metadata={"quantity": Quantity(unit, dims, meaning, name, allow_nan, label)})
+    dtype = "str" if dtype in (str, "str") else dtype and np.dtype(dtype).name
+    return dataclasses.field(metadata={"quantity": Quantity(unit, dims, meaning, dtype, allow_nan, label)})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(quantity,))
@@ -129,44 +114,38 @@ def record(artifact_type: type) -> type:
 
 def summary(artifact: Any) -> str:
     """Return what an artifact holds: the shape, range and unit of every field, the value of a scalar."""
-    artifact_type = type(artifact)
-    rows = []
+    artifact_type, rows = type(artifact), []
     for name, declared in quantities(artifact_type).items():
         array = np.asarray(getattr(artifact, name))
         extents = zip(layout(artifact_type).dims[name], array.shape, strict=False)
         shape = ", ".join(f"{dimension}: {extent}" for dimension, extent in extents)
-        rows.append((f"  {name}", f"({shape})" if shape else "", value_range(array), declared.unit))
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    lines = [
-        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]]) for row in rows
-    ]
-    meaning = (artifact_type.__doc__ or "").strip().partition("\n")[0]
-    return "\n".join([f"{artifact_type.__name__}: {meaning}", *lines])
+        rows.append((name, f"({shape})" if shape else "", value_range(array), declared.unit))
+    return f"{artifact_type.__name__}: {first_line(artifact_type)}\n{columns(rows, 2, width=UNLIMITED)}"
 
 
-TRIALS = "trials"  # the dimension along which single trials are kept
+def first_line(artifact_type: type) -> str:
+    """Return the first line of a type's docstring, which is the artifact's meaning."""
+    return (artifact_type.__doc__ or "").strip().partition("\n")[0]
 
 
 def trials_of(artifact: Any) -> int:
     """Return how many single trials an artifact keeps; 0 of one that keeps none."""
-    if not dataclasses.is_dataclass(artifact):
-        return 0
-    for name, dims in layout(type(artifact)).dims.items():
-        if TRIALS in dims:
-            return int(np.shape(getattr(artifact, name))[dims.index(TRIALS)])
-    return 0
+    return next((np.shape(getattr(artifact, name))[place] for name, place in _trial_dimensions(artifact).items()), 0)
 
 
 def first_trials(artifact: Any, number: int) -> Any:
     """Return an artifact with its first trials; what is stored of all together stays."""
     if trials_of(artifact) <= number:
         return artifact
-    fields = {
-        name: np.take(getattr(artifact, name), range(number), axis=dims.index(TRIALS))
-        for name, dims in layout(type(artifact)).dims.items()
-        if TRIALS in dims
-    }
+    places = _trial_dimensions(artifact)
+    fields = {name: np.take(getattr(artifact, name), range(number), axis=place) for name, place in places.items()}
     return dataclasses.replace(artifact, **fields)
+
+
+def _trial_dimensions(artifact: Any) -> dict[str, int]:
+    """Place of the dimension of trials in each field that has it."""
+    dims = layout(type(artifact)).dims if dataclasses.is_dataclass(artifact) else {}
+    return {name: names.index(TRIALS) for name, names in dims.items() if TRIALS in names}
 
 
 def finite(values: Any) -> Any:
@@ -175,8 +154,9 @@ def finite(values: Any) -> Any:
     return np.where(np.isfinite(values), values, np.nan)[()]
 
 
+@cache
 def quantities(artifact_type: type) -> dict[str, Quantity]:
-    """The declared fields of an artifact type by name, with their types resolved.
+    """Return the declared fields of an artifact type by name, with their types and labels.
 
     Raises ArtifactError if it is no dataclass or if a field is not declared with `quantity`.
     """
@@ -184,23 +164,22 @@ def quantities(artifact_type: type) -> dict[str, Quantity]:
         raise ArtifactError(f"{artifact_type!r} is not an artifact type: make it a frozen dataclass of quantities")
     declared = {}
     for field in dataclasses.fields(artifact_type):
-        described = field.metadata.get("quantity")
-        if described is None:
+        if "quantity" not in field.metadata:
             raise ArtifactError(f"{artifact_type.__name__}.{field.name} has no unit: declare it with quantity(...)")
-        if field.name == PROVENANCE:
-            raise ArtifactError(f"{artifact_type.__name__}.{field.name}: this name is taken by the file's own group")
-        if not described.dtype:
-            annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
-            described = dataclasses.replace(described, dtype=_DTYPE_OF_ANNOTATION.get(annotation, "float64"))
-        if not described.label:
-            described = dataclasses.replace(described, label=field.name.replace("_", " "))
-        declared[field.name] = described
+        described = field.metadata["quantity"]
+        annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
+        declared[field.name] = dataclasses.replace(
+            described,
+            dtype=described.dtype or _DTYPE_OF_ANNOTATION.get(annotation, "float64"),
+            label=described.label or field.name.replace("_", " "),
+        )
     return declared
 
 
 def schema_digest(artifact_type: type) -> str:
-    """Short digest of the names, units, dimensions and types of an artifact type's fields."""
-    rows = sorted([name, q.unit, [_shape(d) for d in q.dims], q.dtype] for name, q in quantities(artifact_type).items())
+    """Return a short digest of the names, units, dimensions and types of an artifact type's fields."""
+    declared = quantities(artifact_type)
+    rows = sorted([name, field.unit, list(map(_shape, field.dims)), field.dtype] for name, field in declared.items())
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
 
 
@@ -217,14 +196,8 @@ class Layout:
     axes: dict[str, Axis | None]  # by dimension; None: its components have no names
     fields: frozenset[str]  # that hold the coordinates of a dimension, which has their name
 
-    @property
-    def added(self) -> set[str]:
-        """Names of what a file holds of the dimensions beside the fields: components, and their units."""
-        units = {f"{name}_unit" for name, axis in self.axes.items() if axis is not None and any(axis.units.values())}
-        return (self.axes.keys() - self.fields) | units
 
-
-@functools.cache
+@cache
 def layout(artifact_type: type) -> Layout:
     """Return the names of the dimensions of an artifact type.
 
@@ -235,26 +208,19 @@ def layout(artifact_type: type) -> Layout:
     dims: dict[str, tuple[str, ...]] = {}
     axes: dict[str, Axis | None] = {}
     for field, described in declared.items():
-        names: list[str] = []
         bases = [f"fixed_{d}" if type(d) is int else str(d) for d in described.dims]
-        for number, dimension in enumerate(described.dims):
-            axis = dimension if isinstance(dimension, Axis) else None
-            times = bases[: number + 1].count(bases[number])
-            name = bases[number] if times == 1 else f"{bases[number]}_{times}"
-            axis_before = axes.get(name)
-            if axis is not None and axis_before is not None and _shape(axis_before) != _shape(axis):
-                raise ArtifactError(
-                    f"{artifact_type.__name__}.{field}: another axis is called '{name}' too: rename one"
-                )
-            axes[name] = axis_before if axis is None else axis
-            names.append(name)
-        dims[field] = tuple(names)
-    coordinate_fields = frozenset(name for name in axes if name in declared)
-    result = Layout(dims, axes, coordinate_fields)
-    for name in sorted(coordinate_fields | (result.added & declared.keys())):
-        if dims[name] != (name,) or axes.get(name) is not None:
+        times = [bases[: place + 1].count(base) for place, base in enumerate(bases)]
+        dims[field] = tuple(base if n == 1 else f"{base}_{n}" for base, n in zip(bases, times, strict=True))
+        for name, dimension in zip(dims[field], described.dims, strict=True):
+            axis = dimension if isinstance(dimension, Axis) else axes.get(name)
+            if axis is not None and _shape(axes.get(name) or axis) != _shape(axis):
+                where = f"{artifact_type.__name__}.{field}"
+                raise ArtifactError(f"{where}: another axis is called '{name}' too: rename one")
+            axes[name] = axis
+    for name in axes.keys() & declared.keys():
+        if dims[name] != (name,) or axes[name] is not None:
+            where = f"{artifact_type.__name__}.{name}"
             raise ArtifactError(
-                f"{artifact_type.__name__}: a dimension is described by '{name}', which is a field of another kind: "
-                "rename the dimension"
+                f"{where}: a dimension has the name of this field, which does not lie along it: rename one"
             )
-    return result
+    return Layout(dims, axes, frozenset(axes.keys() & declared.keys()))

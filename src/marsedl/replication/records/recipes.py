@@ -1,7 +1,7 @@
-"""What an artifact is made from, so that one which was made from something else is not taken for it.
+"""What an artifact is made from: its recipe, so that one which was made from something else is not taken for it.
 
-A recipe holds by name: `inputs` and `options`, as JSON has them; `code` (digests) and `libraries` (versions); and under
-`needs` the digests of the recipes of the artifacts that it is made from, so that a recipe stands for all before it.
+A recipe holds `inputs` and `options`, as JSON has them; `code` (digests) and `libraries` (versions); and under `needs`
+the digests of the recipes of the artifacts that it is made from, so that it stands for all before it.
 """
 
 import hashlib

@@ -2,21 +2,19 @@
 
 import contextlib
 import json
-import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.quotes import Quotes, by_id, with_numbers
-from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.pipeline.catalogue import Paper, Stage, entry_of, function_of
+from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Solve, Stage, entry_of, function_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records import store
@@ -28,24 +26,26 @@ LIBRARIES = (
     *("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib"),
     "pillow",
 )
-REBUILD = (
-    "make all",
-    "snakemake figures/powered_descent/fig07.png",
-    "snakemake all --config size=smoke",
-    "make verify",
-)
-CITATION = "The marsedl developers: marsedl, replications of papers on Mars entry, descent and landing, version 0.1.0."
-
+_ENDINGS = {True: "converged", False: "not converged", b"": "not solved"}  # other texts are shown as they are
 
 Paths = Mapping[str, Mapping[str, str]]  # files of the artifacts, by reading and name
 
 
+class Solved(NamedTuple):
+    """How a solver ended over all readings: the reading of each solve by its ending, the most frequent one first."""
+
+    artifact: str
+    what: str
+    endings: Mapping[str, Sequence[str]]
+    iterations: Sequence[int]
+    residuals: Sequence[float]
+
+
 @dataclass(frozen=True)
 class PaperReport:
-    """All that the report says about one paper.
+    """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `catalogue` has the numbers of its texts. `units` and `meanings` are those of its inputs. `run_times`, `solvers` and
-    `provenance` are rows of text, the first one the header.
+    `units` and `meanings` are those of its inputs; `run_times`, below a header, and `provenance` are rows of text.
     """
 
     catalogue: Paper
@@ -55,7 +55,7 @@ class PaperReport:
     meanings: Mapping[str, str] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
     run_times: Sequence[Sequence[str]] = ()
-    solvers: Sequence[Sequence[str]] = ()
+    solves: Sequence[Solved] = ()
     provenance: Sequence[Sequence[str]] = ()
 
 
@@ -63,193 +63,93 @@ def paper_report(
     catalogue: Paper,
     model: type[Inputs],
     readings: Mapping[str, Mapping[str, Any]],
-    claims: Sequence[Claim],
+    claims: Iterable[Claim],
     paths: Paths,
-    benchmarks: Sequence[Sequence[str]] = (),
+    benchmarks: Path,
 ) -> PaperReport:
     """Return the contents of the report on one paper.
 
-    Args:
-        catalogue: its bill of materials.
-        model: its typed inputs.
-        readings: by name, summary, based_on, frozen, and inputs as [key, value as written, source].
-        claims: its claims.
-        paths: its artifacts.
-        benchmarks: measured run times of all papers, the first row the header.
+    `readings` are those of `Recipes.described`, `claims` and `benchmarks` those of all papers, `paths` its artifacts.
 
-    Raises:
-        ArtifactError: an artifact is missing or damaged.
-        InputError: a text quotes the number of a claim or reading that does not exist.
-
+    Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
     """
-    files, seed = paths.get(CORRECTED, {}), _seed(readings[CORRECTED]["inputs"])
-    names = model.names()
+    claims, files, names = [row for row in claims if row.paper == catalogue.slug], paths[CORRECTED], model.names()
+    inputs = {name: {key: _input(key, *body["inputs"][key]) for key in names} for name, body in readings.items()}
     return PaperReport(
-        with_numbers(catalogue, Quotes(by_id(claims), readings)),
+        with_numbers(catalogue, Quotes(claims, readings)),
         claims,
-        {
-            name: Reading(**{**body, "name": name, "inputs": {key: _input(key, *body["inputs"][key]) for key in names}})
-            for name, body in readings.items()
-        },
+        {name: Reading(**{**body, "name": name, "inputs": inputs[name]}) for name, body in readings.items()},
         {name: model.unit(name) for name in names},
         {name: model.meaning(name) for name in names},
         closeups(catalogue, files),
-        run_times(benchmarks, [catalogue.slug]),
-        solver_rows(paths),
-        provenance_rows(files, catalogue.stages, seed),
+        run_times(benchmarks, catalogue.slug),
+        [one for solve in catalogue.solves if (one := solved(solve, paths))],
+        provenance(files, catalogue.stages, {name: one.value for name, one in inputs[CORRECTED].items()}),
     )
 
 
-def environment(size: str, digests: Path) -> dict:
-    """Return what concerns all papers: size, software and digests."""
-    return {
-        "size": size,
-        "citation": CITATION,
-        "rebuild": list(REBUILD),
-        "versions": library_versions(*LIBRARIES),
-        "digests": json.loads(digests.read_text(encoding="utf-8")),
-    }
+def environment(size: str, digests: Path) -> dict[str, Any]:
+    """Return what concerns all papers: size, versions of the software by package, and digests by file."""
+    return {"size": size, "versions": library_versions(*LIBRARIES), "digests": json.loads(digests.read_text("utf-8"))}
 
 
-def measurements(path: Path) -> list[list[str]]:
-    """A committed table of measurements, the first row its header; empty if nothing was measured."""
-    return read_table(path) if path.exists() else []
+def run_times(benchmarks: Path, paper: str) -> list[list[str]]:
+    """Return the measured run times of a paper below their header; a column of notes without any note is left out."""
+    rows = read_table(benchmarks) if benchmarks.exists() else []
+    kept = [row[1:] for row in rows[1:] if row[0] == paper]
+    columns = [(head, *column) for head, *column in zip(rows[0][1:], *kept, strict=True)] if kept else []
+    return [list(row) for row in zip(*(c for c in columns if c[0] != "note" or any(c[1:])), strict=True)]
 
 
-def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> list[list[str]]:
-    """The measurements of these papers, under a header without the column of the paper; empty if there are none.
-
-    A column of notes without any note is left out.
-    """
-    papers = set(papers)
-    rows = [list(row[1:]) for row in benchmarks[1:] if row[0] in papers]
-    if not rows:
-        return []
-    header = list(benchmarks[0][1:])
-    kept = [column for column, name in enumerate(header) if name != "note" or any(row[column] for row in rows)]
-    return [[row[column] for column in kept] for row in [header, *rows]]
-
-
-def solver_rows(paths: Paths) -> list[list[str]]:
-    """How the iterative solvers of all readings ended: a row for each field that records it, the first row the header.
-
-    A field `status` or `<what>_status` says in words how each solve ended; `converged` or `<what>_converged` whether.
-    Fields `iterations` and `residual` of the same name say after how many steps, and with what error.
-    """
-    endings: dict[tuple[str, str], Counter] = {}
-    where: dict[tuple[str, str], dict[str, set]] = {}
-    steps: dict[tuple[str, str], list] = {}
-    errors: dict[tuple[str, str], list] = {}
-    for name, path in dict.fromkeys(item for files in paths.values() for item in files.items()):  # shared ones once
-        reading = Path(path).parent.name
-        for what, states, iterations, residual in _solves(Path(path)):
-            key = (name, what)
-            endings.setdefault(key, Counter()).update(states)
-            for state in states:
-                where.setdefault(key, {}).setdefault(state, set()).add(reading)
-            steps.setdefault(key, []).extend(iterations)
-            errors.setdefault(key, []).extend(residual)
+def solved(solve: Solve, paths: Paths) -> Solved | None:
+    """Return how a solver ended in the artifacts of all readings; None if there are none."""
+    endings, numbers = defaultdict(list), {name: [] for name in (solve.iterations, solve.residual)}
+    for path in dict.fromkeys(Path(files[solve.artifact]) for files in paths.values() if solve.artifact in files):
+        with store.opened(path) as file:
+            for ending in np.ravel(file[solve.ended][()]).tolist():
+                endings[_ENDINGS[ending] if ending in _ENDINGS else ending.decode()].append(path.parent.name)
+            for name in filter(None, numbers):
+                numbers[name] += np.ravel(file[name][()]).tolist()
     if not endings:
-        return []
-    rows = [["stage", "solved", "how it ended, over all readings", "solves", "iterations", "largest residual"]]
-    for key, states in endings.items():
-        usual = states.most_common(1)[0][0]
-        outcomes = [f"{states[usual]} {usual}"]
-        outcomes += [
-            f"{count} {state} ({', '.join(name for name in paths if name in where[key][state])})"
-            for state, count in states.items()
-            if state != usual
-        ]
-        least, most = (min(steps[key]), max(steps[key])) if steps[key] else (None, None)
-        iterations_range = "–" if least is None else f"{least:,}" if least == most else f"{least:,} to {most:,}"
-        residual = f"{max(errors[key]):.1e}" if errors[key] else "–"
-        rows.append([*key, "; ".join(outcomes), f"{states.total():,}", iterations_range, residual])
-    return rows
+        return None
+    usual = max(endings, key=lambda ending: len(endings[ending]))
+    residuals = [value for value in numbers[solve.residual] if np.isfinite(value)]
+    ordered = {usual: endings.pop(usual), **endings}
+    return Solved(solve.artifact, solve.what or solve.artifact, ordered, numbers[solve.iterations], residuals)
 
 
-def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
-    """The solves recorded in an artifact: name, how each ended, numbers of iterations, residuals."""
-    solves = []
-    with store.opened(path) as file:
+def provenance(files: Mapping[str, str], stages: Mapping[str, Stage], inputs: Mapping[str, Any]) -> list[list[str]]:
+    """Return what each artifact was made from: name, meaning, other artifacts, a seed, and code by its digest.
 
-        def values(*names):
-            present = next((name for name in names if store.holds_field(file, name)), None)
-            return np.asarray(file[present][()]).ravel().tolist() if present else []
-
-        for name in sorted(file):
-            prefix, _, last = name.rpartition("_")
-            if last not in ("status", "converged") or (last == "converged" and file[name].dtype != bool):
-                continue
-            if last == "status":
-                states = [value.decode() or "not solved" for value in values(name)]
-            else:
-                states = ["converged" if value else "not converged" for value in values(name)]
-            beside = f"{prefix}_" if prefix else ""
-            more = () if prefix else ("solver_iterations", "worst_residual")
-            iterations = values(f"{beside}iterations", *more[:1])
-            residuals = [value for value in values(f"{beside}residual", *more[1:]) if math.isfinite(value)]
-            solves.append((prefix.replace("_", " ") or path.stem, states, iterations, residuals))
-    return solves
-
-
-def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed: str) -> list[list[str]]:
-    """What each artifact was made from, the first row the header: other artifacts, a seed, and code by its digest.
-
-    Trials of a Monte Carlo case are scattered into any number of jobs, and its own provenance speaks of these: what
-    stands here are the needs of its stage and the `seed` of the reading.
+    The provenance of a Monte Carlo case names the jobs that its trials were scattered into. So the needs of its stage
+    and the seed among the `inputs` of the reading are shown.
     """
-    if not files:
-        return []
-    rows = [["artifact", "meaning", "made from", "seed", "digests of script and code"]]
+    rows = []
     for name, path in files.items():
         with store.opened(path) as file:
             meaning = file.attrs["meaning"]
-        if name in stages:
-            provenance = store.provenance(path)
-            sources, seed_used, code = provenance["made_from"], _seed(provenance["inputs"]), provenance["code"]
-        else:
-            sources, seed_used, code = [f"{need}.h5" for need in stages["montecarlo"].needs], seed, "–"
-        made_from = ", ".join(Path(source).stem for source in sorted(sources)) or "inputs alone"
-        rows.append([name, meaning, made_from, seed_used, code])
+        scattered = {"made_from": stages[FLIGHTS].needs, "inputs": inputs, "code": "–"} if name not in stages else {}
+        stored = scattered or store.provenance(path)
+        made_from = ", ".join(sorted(Path(source).stem for source in stored["made_from"])) or "inputs alone"
+        seed = next((str(value) for key, value in stored["inputs"].items() if key.endswith(".seed")), "–")
+        rows.append([name, meaning, made_from, seed, stored["code"]])
     return rows
-
-
-def claims_by_paper(path: Path) -> dict[str, list[Claim]]:
-    """Read the joined claims, by paper."""
-    by_paper: dict[str, list[Claim]] = {}
-    for row in read_claims(path):
-        by_paper.setdefault(row.paper, []).append(row)
-    return by_paper
 
 
 def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
     """Draw the plots of a paper that a reader can look into; those whose artifacts are not built are left out.
 
-    Args:
-        catalogue: the paper's bill of materials.
-        files: the artifacts of the reading that is shown, by name.
-
-    Raises:
-        ArtifactError: an artifact is damaged, or not what its name says.
-
+    Raises ArtifactError if an artifact is damaged, or not what its name says.
     """
 
     def load(name: str, kind: type) -> Any:
-        if name not in files:
-            return None
-        return store.load(files[name], kind, paper=catalogue.slug, reading=Path(files[name]).parent.name)
+        return store.load(files[name], kind, paper=catalogue.slug) if name in files else None
 
     plots, given = [], Arguments({}, load)
     for name in catalogue.closeups:
         with contextlib.suppress(Missing):
             plots.append(given.call(function_of(entry_of(catalogue.slug, "closeups", name))))
     return plots
-
-
-def _seed(inputs: Mapping[str, Any]) -> str:
-    """The key of the random numbers among inputs by "section.name", as values or as [key, value, source]."""
-    seeds = [value for name, value in inputs.items() if name.endswith(".seed")]
-    return str(seeds[0][1] if isinstance(seeds[0], list) else seeds[0]) if seeds else "–"
 
 
 def _input(name: str, key: str, value: object, source: str) -> Input:

@@ -1,14 +1,12 @@
 """Text with formulas and code as HTML: `$...$` is LaTeX and becomes MathML, what stands in backticks is code."""
 
-from __future__ import annotations
-
 import functools
 import html
 import re
 
 from marsedl.replication.errors import InputError, shown
 
-_PIECES = re.compile(r"`([^`]+)`|\$([^$]*)\$|(\$)")
+_PIECES = re.compile(r"`([^`]+)`|\$([^$]*)\$|(\$)|(?:(?!`[^`]+`)[^$])+")
 # Powers behind a letter or a bracket; what stands before them in the pattern is passed over: code, formulas and tags.
 _POWERS = re.compile(r"<(script|style|code|pre|math)\b.*?</\1>|<[^>]*>|(?<=[A-Za-z)])\^(-?\d+)(?![\w.])", re.DOTALL)
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -22,18 +20,7 @@ _REFUSED = {
 
 @functools.cache
 def mathml(latex: str) -> str:
-    r"""Convert a formula to MathML.
-
-    Args:
-        latex: the formula without its dollar signs, such as `p_\text{f} = 0.1`. Words stand in `\text{...}`.
-
-    Returns:
-        A `<math>` element that needs no namespace in HTML.
-
-    Raises:
-        InputError: LaTeX that is not understood as a whole; the message shows it.
-
-    """
+    r"""Convert a formula such as `p_\text{f} = 0.1` to MathML; raises InputError if it is not understood."""
     from latex2mathml.converter import convert  # only needed where a page is written
 
     for piece, remedy in _REFUSED.items():
@@ -49,24 +36,17 @@ def mathml(latex: str) -> str:
 
 
 def with_formulas(text: str) -> str:
-    """Return a text as HTML: formulas as MathML, what stands between backticks as code, all else escaped.
-
-    Raises:
-        InputError: a formula that is not understood, or a dollar sign without its other one.
-
-    """
+    """Return a text as HTML; raises InputError for a formula that is not understood or not closed."""
 
     def piece(match: re.Match) -> str:
         code, latex, alone = match.groups()
         if alone:
             raise InputError(f"text {shown(text)}: a dollar sign without its other one; formulas stand between two")
-        return f"<code>{html.escape(code)}</code>" if code is not None else mathml(latex)
+        if latex is not None:
+            return mathml(latex)
+        return html.escape(match[0]) if code is None else f"<code>{html.escape(code)}</code>"
 
-    start, parts = 0, []
-    for match in _PIECES.finditer(text):
-        parts += [html.escape(text[start : match.start()]), piece(match)]
-        start = match.end()
-    return "".join([*parts, html.escape(text[start:])])
+    return _PIECES.sub(piece, text)
 
 
 def with_raised_powers(page: str) -> str:

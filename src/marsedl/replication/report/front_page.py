@@ -1,6 +1,5 @@
 """What the README and the badge say of the papers and of words: written from the verdicts, never typed."""
 
-import json
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -30,31 +29,19 @@ class CommittedClaim(NamedTuple):
 
 
 def words() -> dict[str, str]:
-    """Return the few words that report and README define before they use them; backticks in their meanings mark code.
-
-    Raises InputError if `words.yaml` is malformed.
-    """
+    """Return the few words that report and README define before they use them; backticks mark code."""
     return {word: " ".join(text.split()) for word, text in read_yaml(WORDS).items()}
 
 
 def badge(rows: Iterable[Claim | CommittedClaim]) -> dict[str, Any]:
     """Count the verdicts on all papers' claims in one line, in the schema of shields.io's endpoint badges.
 
-    The colour says nothing: a claim that fails speaks of a paper, not of
-    its replication.
+    The colour says nothing: a claim that fails speaks of a paper, not of its replication.
     """
     counts = summary(rows)
-    numbers, statements = counts[NUMBERS], counts[STATEMENTS]
-    message = (
-        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers; "
-        f"{statements['holds']} of {sum(statements.values())} statements"
-    )
-    return {"schemaVersion": 1, "label": "replication", "message": message, "color": "blue"}
-
-
-def write_badge(rows: Iterable[Claim], path: str | Path) -> None:
-    """Write the badge of some claims as JSON; arguments as for `badge`, and the file."""
-    write_text(path, json.dumps(badge(rows), indent=2) + "\n")
+    reproduced = f"{counts[NUMBERS]['reproduced']} of {sum(counts[NUMBERS].values())} printed numbers"
+    hold = f"{counts[STATEMENTS]['holds']} of {sum(counts[STATEMENTS].values())} statements"
+    return {"schemaVersion": 1, "label": "replication", "message": f"{reproduced}; {hold}", "color": "blue"}
 
 
 def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
@@ -66,42 +53,37 @@ def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
     ]
 
 
-def answer(paper: Paper, rows: Sequence[CommittedClaim]) -> str:
-    """Return what came out of one paper, as an item of a list in Markdown.
-
-    paper: its catalogue, with the numbers of its texts. rows: its claims.
-    """
-    headline = [row.verdict for row in rows if row.headline is not None]
-    numbers = summary(rows)[NUMBERS]
-    standing = sum(verdict in STANDING_VERDICTS for verdict in headline)
-    counts = (
-        f"**{standing} of {len(headline)}** headline claims stand; "
-        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers reproduce."
-    )
-    name = f"**[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors})."
-    return " ".join(filter(None, [f"- {name}", paper.question or f"{paper.title}.", *paper.in_short[:1], counts]))
-
-
 def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
     """Return the text of the README, or of the badge, with what came out of each paper and what words mean.
 
-    text: as it stands; comments mark the two blocks that are written into the README. papers: catalogues of all papers,
+    text: as it is; comments mark the two blocks that are written into the README. papers: catalogues of all papers,
     with the numbers of their texts.
     """
-    papers = list(papers)
-    rows = {paper.slug: committed_claims(root, paper.slug) for paper in papers}
+    papers = [(paper, committed_claims(root, paper.slug)) for paper in papers]
     blocks = {
-        "answers": "".join(f"{answer(paper, rows[paper.slug])}\n" for paper in papers),
+        "answers": "".join(_answer(paper, rows) for paper, rows in papers),
         "words": "".join(f"- **{word[0].upper()}{word[1:]}**: {meaning}\n" for word, meaning in words().items()),
     }
-    text = _COUNTS.sub(badge([row for of_paper in rows.values() for row in of_paper])["message"], text)
+    text = _COUNTS.sub(badge([row for _, rows in papers for row in rows])["message"], text)
     return _BLOCK.sub(lambda block: f"{block[1]}{blocks[block[2]]}{block[3]}", text)
 
 
+def _answer(paper: Paper, rows: Sequence[CommittedClaim]) -> str:
+    """What came out of one paper, as an item of a list in Markdown."""
+    headline = [row.verdict for row in rows if row.headline is not None]
+    numbers = summary(rows)[NUMBERS]
+    counts = (
+        f"**{sum(verdict in STANDING_VERDICTS for verdict in headline)} of {len(headline)}** headline claims stand; "
+        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers reproduce."
+    )
+    asked = [paper.question or f"{paper.title}.", *paper.in_short[:1]]
+    return f"- **[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors}). {' '.join([*asked, counts])}\n"
+
+
 def write(root: Path, papers: Iterable[Paper]) -> list[Path]:
-    """Write what came out of each paper into the README and its badge; arguments as for `filled`; returns the files."""
-    papers, paths = list(papers), [root / README, root / BADGE]
-    texts = [filled(path.read_text(encoding="utf-8"), root, papers) for path in paths]
-    for path, text in zip(paths, texts, strict=True):
+    """Write what came out of each paper into the README and its badge; returns the files."""
+    papers = list(papers)
+    texts = {path: filled(path.read_text(encoding="utf-8"), root, papers) for path in (root / README, root / BADGE)}
+    for path, text in texts.items():
         write_text(path, text)
-    return paths
+    return list(texts)

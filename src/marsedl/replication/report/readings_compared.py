@@ -17,7 +17,6 @@ from marsedl.replication.claims.claim import (
     STANDING_VERDICTS,
     UNDECIDED,
     Claim,
-    Other,
     Result,
 )
 from marsedl.replication.claims.numbers import flatten, is_finite, is_number
@@ -226,7 +225,7 @@ def _samples(row: Claim, reading: str) -> list[_Sample]:
     return [_Sample(one.trials, one.verdict, _numbers(row, one)) for one in results if one]
 
 
-def _numbers(row: Claim, result: Result | Other) -> dict[Key, _Number]:
+def _numbers(row: Claim, result: Result) -> dict[Key, _Number]:
     if row.is_statement:
         margin = result.margin
         if margin is None or margin.value is None:

@@ -2,20 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, StringConstraints, field_validator
+from pydantic import AfterValidator, Field, StringConstraints
 
-from marsedl.replication.claims.quotes import pieces
-from marsedl.replication.errors import InputError
+from marsedl.replication.claims.quotes import quotes_in
 from marsedl.replication.inputs.messages import Keys, Place, checked
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 
 
 def _with_quotes(text: str) -> str:
-    """A text whose quotes of numbers are well-formed; what they name is looked up when they are filled."""
-    pieces(text)
+    quotes_in(text)  # well-formed; what they name is looked up when they are filled
     return text
 
 
@@ -37,6 +35,7 @@ class _Table(Keys):
 
 class _Figure(_Table):
     shows: Annotated[str, AfterValidator(_with_quotes)] = ""
+    claims: tuple[Words, ...] = ()
 
 
 class _Erratum(Keys):
@@ -56,11 +55,6 @@ class _Texts(Keys):
     in_short: tuple[Text, ...] = ()
     picture: str = ""
 
-    @field_validator("figures", "tables", "over_readings", "errata", mode="before")
-    @classmethod
-    def _without_entries(cls, value: Any) -> Any:
-        return {} if value is None else value
-
 
 class _Compared(Keys):
     figure: Plain
@@ -68,24 +62,20 @@ class _Compared(Keys):
 
 
 def with_texts(paper: Paper, path: Path) -> Paper:
-    """Return a catalogue with its words; its figures and tables are those that have any.
+    """Return a catalogue with its words from `texts.yaml`; its figures and tables are those that have any.
 
-    Args:
-        paper: the catalogue as its package writes it.
-        path: its `texts.yaml`.
-
-    Raises:
-        InputError: the file is missing or malformed; the message names file, line and key.
-
+    Raises InputError, which names file, line and key, if the file is missing or malformed.
     """
     document = read_yaml(path)
     texts = checked(_Texts, document, Place(str(path), document))
     return replace(
         paper,
-        figures={stem: Product(figure.caption, figure.beyond) for stem, figure in texts.figures.items()},
+        figures={
+            stem: Product(figure.caption, figure.beyond, claims=figure.claims) for stem, figure in texts.figures.items()
+        },
         described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
         tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
-        summaries=dict(texts.over_readings),
+        summaries=texts.over_readings,
         errata=tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
         question=texts.question,
         in_short=texts.in_short,
@@ -96,8 +86,6 @@ def with_texts(paper: Paper, path: Path) -> Paper:
 def comparison_texts(path: Path) -> dict[str, tuple[str, str]]:
     """Return the captions of the figure and the table of each comparison; raises InputError as `with_texts`."""
     document = read_yaml(path)
-    if not isinstance(document, dict) or not document:
-        raise InputError(f"{path}: expected comparisons with the captions of a figure and a table")
     place = Place(str(path), document)
     texts = {name: checked(_Compared, entry, place / name) for name, entry in document.items()}
     return {name: (entry.figure, entry.table) for name, entry in texts.items()}

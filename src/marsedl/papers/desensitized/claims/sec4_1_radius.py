@@ -40,7 +40,7 @@ def _swept(values, errors):
 
 
 @claim(
-    "The smallest gains leave {left:.1f} % of the flown error, tuned ones {feedback_tuned[left]:.1f} %.",
+    "The smallest gains leave {left:.1f} % of the flown error, tuned ones {feedback_tuned.left:.1f} %.",
     errata="E13",
     withheld=GAINS,
     counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)),
@@ -64,7 +64,7 @@ def fig03_nofeedback_below_nodoc(responses: Responses):
 
 
 @claim(
-    "The linear domain ends at {domain:.0f} m, with tuned gains at {feedback_tuned[domain]:.0f} m.",
+    "The linear domain ends at {domain:.0f} m, with tuned gains at {feedback_tuned.domain:.0f} m.",
     errata="E13",
     withheld=GAINS,
     counterexample=scaled("responses.wide_error", at=(LAW, RADIUS)),

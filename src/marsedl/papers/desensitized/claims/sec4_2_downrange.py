@@ -83,7 +83,7 @@ def dr_sensitivity_nodoc(responses: Responses):
 
 
 @claim(
-    "The smallest gains leave {left:.1f} %, tuned ones {feedback_tuned[left]:.1f} %.",
+    "The smallest gains leave {left:.1f} %, tuned ones {feedback_tuned.left:.1f} %.",
     errata="E13",
     withheld=GAINS,
     counterexample=scaled("responses.tabulated_error", at=(LAW, DOWNRANGE)),

@@ -20,6 +20,7 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.inputs import Mission
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Nominal, Responses
+from marsedl.replication.claims.claim import Doubt
 from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
 from marsedl.replication.claims.thresholds import MUCH, NEGLIGIBLE
 from marsedl.replication.claims.writing import claim, holds, measure, measured, provided
@@ -169,12 +170,12 @@ def more_perturbations_more_fuel(gains: Gains, responses: Responses):
     # What does not lower the flown errors by much is no fuel "for reducing the sensitivity".
     if not share < MUCH.at(1.0):
         doubt = f"one set of gains leaves {100 * share:.0f} % of the drawn radius error, so that its fuel says nothing"
-        return replace(judged, undetermined=doubt)
+        return replace(judged, doubts=(Doubt(why=doubt),))
     return judged
 
 
 @claim(
-    "Finite weights burn {finite:.3f} kg at most, infinite ones {last:.1f} kg, by trapezoids {trapezoid[last]:.1f} kg.",
+    "Finite weights burn {finite:.3f} kg at most, infinite ones {last:.1f} kg, by trapezoids {trapezoid.last:.1f} kg.",
     errata="E11",
     withheld=(INFINITY, SCHEME),
     counterexample=scaled("tradeoff.propellant", at=(slice(5, None),)),
@@ -189,5 +190,5 @@ def fuel_not_above_msl(rows: Rows):
     )
     if finite <= MSL_FUEL and not (stood_for > MSL_FUEL).all():
         doubt = "fuel goes on growing with the weight that stands for infinity, and Eq. 6 does not fix it"
-        return replace(judged, undetermined=doubt)
+        return replace(judged, doubts=(Doubt(why=doubt),))
     return judged

@@ -53,7 +53,7 @@ def sos_above_mc(recursion: Recursion, funnel: Funnel, constant: FlightEnsemble)
 
 
 @claim(
-    "Slices of least trace (`minkowski_shape`) have their first peak at {minkowski_shape[time]:.0f} s.",
+    "Slices of least trace (`minkowski_shape`) have their first peak at {minkowski_shape.time:.0f} s.",
     withheld=("recursion.shape", "uncertainty.initial_lengths", "uncertainty.density_amplitude"),
     counterexample=in_reading("minkowski_shape"),
 )
@@ -73,8 +73,8 @@ def first_peak(recursion: Recursion, linearization: Linearization, funnel: Funne
 
 
 @claim(
-    """With more weight at the end (`terminal_weight`), rho grows from {terminal_weight[before]:.1f} to
-    {terminal_weight[last]:.1f}.""",
+    """With more weight at the end (`terminal_weight`), rho grows from {terminal_weight.before:.1f} to
+    {terminal_weight.last:.1f}.""",
     withheld=WEIGHTS,
     counterexample=in_reading("terminal_weight"),
 )
@@ -130,14 +130,14 @@ def _rows(measured_costs, *names):
 @claim("On one core it takes {seconds:.0f} s.", withheld=SOLVER)
 def funnel_run_time(measured: dict[str, float] | None = None):
     (seconds,), missing = _rows(measured or {}, BY_SAMPLES)
-    evidence = "; ".join([f"{seconds:.3g} s on one core, integrated motion, {MEASUREMENTS}", *missing])
+    evidence = [f"{seconds:.3g} s on one core, integrated motion, {MEASUREMENTS}", *missing]
     return result(seconds / MINUTE, evidence=evidence, seconds=seconds)
 
 
 @claim("Our entry has {variables} variables; a whole funnel by multipliers takes {cheapest:.0f} s.", withheld=SOLVER)
 def multiplier_dimension_limit(measured: dict[str, float] | None = None):
     multipliers, missing = _rows(measured or {}, *BY_COEFFICIENTS)
-    variables, cheapest, evidence = SPHERES.variables, np.min(multipliers), "; ".join([MEASUREMENTS, *missing])
+    variables, cheapest, evidence = SPHERES.variables, np.min(multipliers), [MEASUREMENTS, *missing]
     return result(variables, evidence=evidence, variables=variables, cheapest=cheapest)
 
 

@@ -76,7 +76,7 @@ def acap_trust_state_intermediate():
 
 
 @claim(
-    "The daily mean of the same MarsGRAM output gives {marsgram_daily_mean[value]:.4f} deg.",
+    "The daily mean of the same MarsGRAM output gives {marsgram_daily_mean.value:.4f} deg.",
     errata="E5",
     withheld=DENSITY,
     counterexample=replaced("nominal.entry_flight_path_angle", float(np.radians(-10.0128))),
@@ -93,7 +93,7 @@ def acap_entry_fpa(vehicle: Vehicle, nominal: Nominal):
 
 
 @claim(
-    "The printed angle in the stand-in density leads to {angle_printed[apoapsis]:.2f} r_p.",
+    "The printed angle in the stand-in density leads to {angle_printed.apoapsis:.2f} r_p.",
     errata="E5",
     withheld=(DENSITY, ANGLE),
 )

@@ -60,8 +60,8 @@ def acap_dv_p99_closed(laws: ClosedLoop):
 
 
 @claim(
-    """Other nominal densities give {exponential[value]:.0f} to {doc_fit[value]:.0f} m/s, with full correlation
-    {doc_fit_correlated[value]:.0f} m/s.""",
+    """Other nominal densities give {exponential.value:.0f} to {doc_fit.value:.0f} m/s, with full correlation
+    {doc_fit_correlated.value:.0f} m/s.""",
     errata="E1 E2",
     withheld=(DENSITY, VARIANCE),
     counterexample=in_reading("doc_fit_correlated"),
@@ -78,7 +78,12 @@ def _percentile(laws, law, **numbers):
     if not np.isfinite(laws.percentile[law]):
         evidence.append(f"more than {100 * (1 - LEVEL):g} % are lost, so there is no {100 * LEVEL:g}th percentile")
     return measured(
-        laws.percentile[law], laws.error[law], laws.trials, "; ".join(evidence), lost=laws.lost[law], **numbers
+        laws.percentile[law],
+        laws.error[law],
+        laws.trials,
+        evidence,
+        lost_share=laws.lost[law] / laws.trials,
+        **numbers,
     )
 
 
@@ -219,7 +224,7 @@ def _at_peak(nominal, laws):
 
 
 @claim(
-    "It is {lift:+.3f}, in the next interval {after:+.3f}; another density gives {doc_fit[lift]:+.2f}.",
+    "It is {lift:+.3f}, in the next interval {after:+.3f}; another density gives {doc_fit.lift:+.2f}.",
     errata="E4 E6",
     withheld=(UNIT, DENSITY, VARIANCE),
     counterexample=scaled("gains.control", at=(-1, 4)),

@@ -101,7 +101,7 @@ def decision_dimension_weights(gains: Gains):
 
 
 @claim(
-    "Three sigma are {largest:.1f} % of the control limit, with `partition_24` {partition_24[largest]:.0f} %.",
+    "Three sigma are {largest:.1f} % of the control limit, with `partition_24` {partition_24.largest:.0f} %.",
     withheld=PARTITION,
     counterexample=shifted("gains.stochastic_control_variance"),
 )

@@ -42,6 +42,7 @@ def tab2_crossrange(planet: Planet, mission: Mission):
     return measured(
         [round(crossrange / 1e3, 2), mission.entry_crossrange_three_sigma / 1e3],
         evidence=f"{crossrange / 1e3:.4f} km before rounding",
+        off_east=np.degrees(mission.entry_azimuth) - 90.0,
         arc=np.degrees(arc),
         length=planet.planet_radius * arc / 1e3,
     )
@@ -71,7 +72,8 @@ def tab3_density():
 
 @claim("`corrected` takes a tenth of the error of C_L.", errata="E8")
 def tab3_aero(vehicle: Vehicle):
-    return measured([abs(vehicle.lift_dispersion), abs(vehicle.drag_dispersion)])
+    lift, drag = abs(vehicle.lift_dispersion), abs(vehicle.drag_dispersion)
+    return measured([lift, drag], of_lift=lift / dispersions.body_of(vehicle).lift_coefficient)
 
 
 @claim(
@@ -98,4 +100,8 @@ def bank_rate_respected(guidance: Guidance, nominal: Nominal, flights: Flights):
         measure("in the nominal flight", np.degrees(steps), "deg") <= allowed * (1.0 + ROUNDING),
         *flights.lost("stochastic_time"),
         trials=sum(ensemble.count for ensemble in flights.values()),
+        # A reversal goes from one bank angle to its opposite.
+        reversal_time=[
+            2 * bank / guidance.bank_rate_limit for bank in (guidance.nominal_bank_slow, guidance.nominal_bank_fast)
+        ],
     )

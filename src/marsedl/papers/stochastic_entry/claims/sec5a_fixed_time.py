@@ -34,9 +34,9 @@ from marsedl.papers.stochastic_entry.records import (
     Nominal,
     Tradeoff,
 )
+from marsedl.replication.claims.claim import Tolerance
 from marsedl.replication.claims.counterexamples import blended, in_reading, scaled, shifted, spread
 from marsedl.replication.claims.thresholds import CLOSE, MOST, NEGLIGIBLE, ROUNDING, SIGMAS, SIMILAR, VISIBLE
-from marsedl.replication.claims.verdicts import Close
 from marsedl.replication.claims.writing import Fails, check, claim, holds, measure, measured
 
 SILENT_TIME = 15.0  # s, "immediately" after entry
@@ -56,7 +56,7 @@ def direction(*, state):
 
 
 @claim(
-    "It costs next to nothing: its multiplier is {multiplier:.1g}, with `partition_24` {partition_24[multiplier]:.2g}.",
+    "It costs next to nothing: its multiplier is {multiplier:.1g}, with `partition_24` {partition_24.multiplier:.2g}.",
     errata="E12",
     withheld=PARTITION,
     counterexample=scaled("gains.stochastic_covariance", at=(0, -1, ALTITUDE, ALTITUDE)),
@@ -91,7 +91,7 @@ def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
         f"noise alone makes {tradeoff.noise_deviation:.1f} m",
         at_limit=fine[at],
         coarse_interval=tradeoff.control_interval[1],
-        coarse=coarse[at],
+        three_sigma=SIGMAS * np.array([fine[at], coarse[at]]) / 1e3,
     )
 
 
@@ -133,7 +133,7 @@ def fig8_apollo_leaves(corrections: Corrections):
 
 
 @claim(
-    "With `partition_24` three sigma are {partition_24[early]:.2f} from entry on.",
+    "With `partition_24` three sigma are {partition_24.early:.2f} from entry on.",
     errata="E12",
     withheld=PARTITION,
     counterexample=shifted("gains.stochastic_control_variance"),
@@ -146,7 +146,7 @@ def fig8_silent_after_ei(design: Design, corrections: Corrections):
 
 @claim(
     """For the trigger it is {peak_share_velocity:.0f} % of the time, with `timed_covariance`
-    {timed_covariance[peak_share_velocity]:.0f} %.""",
+    {timed_covariance.peak_share_velocity:.0f} %.""",
     errata="E14 E15",
     withheld=(COVARIANCE, DENSITY),
     counterexample=in_reading("timed_covariance"),
@@ -158,7 +158,7 @@ def fig8_more_aggressive(corrections: Corrections):
     return holds(measure(subject, stronger, "%") > 50, peak_share_velocity=stronger[1])
 
 
-@claim(counterexample=blended("stochastic_time.covariance", "apollo_time"))
+@claim(counterexample=blended("stochastic_time.covariance", other="apollo_time"))
 def fig9_large_deviations(
     nominal: Nominal, linearization: Linearization, gains: Gains, flights: Flights, dispersions: Dispersions
 ):
@@ -180,7 +180,7 @@ def fig9_large_deviations(
 @claim(
     "The linear bound is largest at {value:.0f} s, that of the flights at {of_trials:.0f} s.",
     withheld=(DENSITY, DEADBAND),
-    close=Close("the text says around, of a flat maximum in a figure", absolute=10.0),
+    close=Tolerance(reason="the text says around, of a flat maximum in a figure", absolute=10.0),
     counterexample=scaled("gains.stochastic_covariance", at=(0, slice(150, None), DOWNRANGE, DOWNRANGE)),
 )
 def fig9_range_error_turns(gains: Gains, flights: Flights, dispersions: Dispersions):
@@ -188,7 +188,7 @@ def fig9_range_error_turns(gains: Gains, flights: Flights, dispersions: Dispersi
     in_flight = time[np.argmax(stochastic.sampled[:, DOWNRANGE])]
     return measured(
         float(time[np.argmax(stochastic.predicted[:, DOWNRANGE])]),
-        evidence="; ".join(flights.lost("stochastic_time")),
+        evidence=flights.lost("stochastic_time"),
         of_trials=in_flight,
     )
 
@@ -244,7 +244,7 @@ def lateral_dispersion_increases(flights: Flights, dispersions: Dispersions):
 
 @claim(
     """Left are {remaining:.0f} %, with the velocity trigger {remaining_velocity:.1f}, with `same_sign`
-    {same_sign[remaining]:.0f} %.""",
+    {same_sign.remaining:.0f} %.""",
     errata="E5 E8",
     withheld=(DEADBAND, DENSITY, SIGNS),
     counterexample=spread("stochastic_time.final_state", component="crossrange"),

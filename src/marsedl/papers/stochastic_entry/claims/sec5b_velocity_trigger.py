@@ -42,9 +42,10 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
+from marsedl.replication.claims.claim import Tolerance
 from marsedl.replication.claims.counterexamples import in_reading, scaled, shifted, spread
 from marsedl.replication.claims.thresholds import ROUNDING, STRONG, VISIBLE, WEAK
-from marsedl.replication.claims.verdicts import Close, Evaluation, judge
+from marsedl.replication.claims.verdicts import Evaluation, judge
 from marsedl.replication.claims.writing import Fails, claim, holds, measure, measured
 
 
@@ -56,17 +57,17 @@ def trigger_nu():
 @claim(
     "The density of `corrected` is fitted to these numbers, that of `desensitized_density` is not.",
     withheld=DENSITY,
-    close=Close(
-        "they follow from the mean density, which Mars-GRAM gives to some per cent by version, place and season",
+    close=Tolerance(
+        reason="they follow from the mean density, which Mars-GRAM gives to some per cent by version, place and season",
         relative=0.05,
     ),
     counterexample=scaled("linearization.trigger_projection", at=(slice(None), VELOCITY)),
 )
-def zf_column_velocity(air: Air, linearization: Linearization):
+def zf_column_velocity(air: Air, mission: Mission, linearization: Linearization):
     return measured(
         linearization.trigger_projection[:, VELOCITY],
         by_construction="the density is fitted to these numbers" if air.density_profile == "log_quadratic" else "",
-        rate=linearization.final_rates[VELOCITY],
+        late=-mission.end_velocity / linearization.final_rates[VELOCITY],
     )
 
 
@@ -122,7 +123,7 @@ _STATES = {"downrange": "downrange", "altitude": "altitude", "velocity": "veloci
 def _cell(row, case, reading="", errata="", withheld=()):
     """A cell of Table 4: its claim with the reading that moves it most, and what is changed until its verdict turns."""
     unit, digits = {"velocity": ("m/s", 1), "gamma": ("deg", 2)}.get(row, ("km", 2))
-    low, high = (f"{{{reading}[compared][{side}]:.{digits}f}}" for side in (0, 1))
+    low, high = (f"{{{reading}.compared[{side}]:.{digits}f}}" for side in (0, 1))
     return claim(
         f"With `{reading}` they are {low} / {high} {unit}, from equal numbers of flights." if reading else "",
         errata=errata,
@@ -172,7 +173,7 @@ def table_4_velocity_at_the_trigger(mission: Mission, flights: Flights, *, case)
     trials = finite_count(ensemble)
     largest = float(velocity_errors(mission, ensemble).max()) if trials else np.nan
     evidence = f"largest distance from the trigger's velocity {largest:.1e} m/s"
-    return measured([-largest, largest], None, trials, "; ".join(filter(None, [evidence, outcomes(ensemble)])))
+    return measured([-largest, largest], None, trials, [evidence, outcomes(ensemble)])
 
 
 class TriggerTails(NamedTuple):
@@ -197,7 +198,7 @@ def _fewest(flights):
 
 
 @claim(
-    "It depends on what the Apollo law feeds back: {density_blind[compared]:.0f} % with `density_blind`.",
+    "It depends on what the Apollo law feeds back: {density_blind.compared:.0f} % with `density_blind`.",
     errata="E8 E14",
     withheld=(FORM, SIGNS, DENSITY, DEADBAND),
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
@@ -213,6 +214,7 @@ def headline_range_reduction(flights: Flights, tails: Tails, compared_tails: Com
         error,
         _fewest(flights),
         f"with the fixed time {value_time:.1f} ± {error_time:.1f} %",
+        remaining=100 - value,
         compared=100 * saved(compared_tails, "velocity")[0],
         **{f"{case}_width": width(tails[case][DOWNRANGE])[0] / 1e3 for case in CASES},
         **searched,
@@ -222,7 +224,7 @@ def headline_range_reduction(flights: Flights, tails: Tails, compared_tails: Com
 def _halved(name, side, errata):
     """One of the two percentiles: its claim."""
     return claim(
-        "It is {compared:.2f}, the paper's {printed_ratio:.2f}, with `density_blind` {density_blind[compared]:.2f}.",
+        "It is {compared:.2f}, the paper's {printed_ratio:.2f}, with `density_blind` {density_blind.compared:.2f}.",
         errata=errata,
         withheld=(FORM, SIGNS, DENSITY, DEADBAND),
         counterexample=spread("stochastic_velocity.final_state", component="downrange"),
@@ -249,7 +251,7 @@ def halved_velocity(published, tails: TriggerTails, compared_tails: ComparedTail
 
 
 @claim(
-    "The interval changes by {change:+.0f} %, with `velocity_adjoint` by {velocity_adjoint[change]:+.0f} %.",
+    "The interval changes by {change:+.0f} %, with `velocity_adjoint` by {velocity_adjoint.change:+.0f} %.",
     errata="E8 E14",
     withheld=(ADJOINT, SIGNS, DENSITY, FORM),
     counterexample=spread("apollo_velocity.final_state", component="downrange"),
@@ -257,7 +259,7 @@ def halved_velocity(published, tails: TriggerTails, compared_tails: ComparedTail
     law="apollo",
 )
 @claim(
-    "The interval changes by {change:+.0f} %, with `partition_24` by {partition_24[change]:+.0f} %.",
+    "The interval changes by {change:+.0f} %, with `partition_24` by {partition_24.change:+.0f} %.",
     errata="E12",
     withheld=(PARTITION, DENSITY),
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
@@ -284,7 +286,7 @@ def velocity_trigger_ends_at_velocity(mission: Mission, flights: Flights):
 
 
 @claim(
-    "The interval changes by {change:+.0f} %, with `density_blind` by {density_blind[change]:+.0f} %.",
+    "The interval changes by {change:+.0f} %, with `density_blind` by {density_blind.change:+.0f} %.",
     errata="E8 E14",
     withheld=(FORM, SIGNS, DENSITY, DEADBAND),
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
@@ -342,7 +344,7 @@ def fig13_apollo_negative(gains: Gains, flights: Flights, final: FinalCovariance
 
 
 @claim(
-    "With `timed_covariance` the trigger's adjoint changes the correlation by {timed_covariance[change]:+.2f}.",
+    "With `timed_covariance` the trigger's adjoint changes the correlation by {timed_covariance.change:+.2f}.",
     errata="E15",
     withheld=COVARIANCE,
     counterexample=scaled("gains.apollo_covariance", at=(1, -1, DOWNRANGE, VELOCITY)),
@@ -360,7 +362,7 @@ def fig13_stochastic_time_variance(final: FinalCovariances):
 
 
 @claim(
-    "With `partition_24` the correlation is {partition_24[correlation]:+.2f}.",
+    "With `partition_24` the correlation is {partition_24.correlation:+.2f}.",
     errata="E12",
     withheld=PARTITION,
     counterexample=scaled("gains.stochastic_covariance", at=(0, -1, DOWNRANGE, VELOCITY)),
