@@ -24,6 +24,7 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/stages.smk"
 include: "workflow/rules/products.smk"
 include: "workflow/rules/claims.smk"
+include: "workflow/rules/universes.smk"
 include: "workflow/rules/report.smk"
 
 

@@ -49,7 +49,8 @@ ELSEWHERE = [
         "*hypersonic_glide*",
     ),
 ]
-OF_A_BUILD = ("marsedl trial *", "python -c *", "marsedl diff build/*")  # what needs one is given in a smoke build
+# What needs a build, or a process of its own, is given in a smoke build.
+OF_A_BUILD = ("marsedl trial *", "marsedl what-if *", "marsedl universe *", "python -c *", "marsedl diff build/*")
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,12 @@ def command_line() -> argparse.ArgumentParser:
     add("trial", "case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
     add("trial", "number", type=int, help="the number of the trial, counted from 0")
     add("trial", "--case", metavar="NAME", help="the Monte Carlo case, given as an option")
+    add("what-if universe", "paper", help="a paper, such as powered_descent")
+    what = "CHOICE=VALUE of 'marsedl explain PAPER', or an input as SECTION.KEY=VALUE"
+    add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
+    add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
+    add("what-if universe", "--json", action="store_true", help="write JSON")
+    add("universe", "number", type=int, help="its number in the table of universes")
     add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
     own = "with --reference: only this paper; can be repeated"
     add("verify accept", "--reference", metavar="FOLDER", type=Path, help="reference numbers of your own")
@@ -263,6 +269,42 @@ def _trial(options) -> int:
     return 0
 
 
+def _what_if(options) -> int:
+    """Compute a paper with other values of choices or inputs, and show which claims move.
+
+    Computes in memory and writes nothing: the verdicts that change, and the numbers that move by more than their error.
+    """
+    from marsedl.replication.universes.what_if import changes_of, what_if
+
+    evaluator = _evaluator(options.paper)
+    assignment, inputs = changes_of(options.changes, evaluator.study.choices)
+    if options.trials:
+        evaluator.limit_trials(options.trials)
+    moved = what_if(evaluator, assignment, inputs)
+    _say(*overview.moved(moved, as_json=options.json))
+    return 0
+
+
+def _universe(options) -> int:
+    """Compute one universe of a paper again, and show its choices and what its claims give."""
+    from marsedl.replication.universes.designs import numbered
+
+    evaluator = _evaluator(options.paper)
+    universe = numbered(evaluator.study.choices, options.number)
+    _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
+    return 0
+
+
+def _evaluator(slug: str):
+    """What evaluates the claims of a paper in universes."""
+    from marsedl.papers import input_model
+    from marsedl.replication.pipeline.numerics import pin_numerics
+    from marsedl.replication.universes.table import Evaluator
+
+    pin_numerics(project_root())
+    return Evaluator.of(_catalogue(slug), input_model(slug), project_root())
+
+
 def _verify(options) -> int:
     """Check that results are reproducible.
 
@@ -356,6 +398,8 @@ COMMANDS = {
     "explain": _explain,
     "diff": _diff,
     "trial": _trial,
+    "what-if": _what_if,
+    "universe": _universe,
     "verify": _verify,
     "accept": _accept,
     "readme": _readme,

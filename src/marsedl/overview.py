@@ -3,8 +3,10 @@
 A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers that its texts quote.
 """
 
+import json
 import re
 from collections.abc import Iterator
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
@@ -99,6 +101,9 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     yield f"\nreadings\n{columns(there['readings'], 2)}"
     yield f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}"
     yield columns(_differing(project.studies[paper.slug].readings, reading), 2)
+    if choices := project.studies[paper.slug].choices:
+        yield f"\nchoices: what is doubted about the paper (marsedl what-if {paper.slug} CHOICE=VALUE)"
+        yield columns([(one.name, one.because, _values(one), one.asks) for one in choices], 2)
     yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there)}"
     yield "\nverdicts"
     if not verdicts:
@@ -119,6 +124,51 @@ def _differing(readings, reading) -> list[tuple[str, str, str, str]]:
             texts = "; ".join(f"{other.name} {other.sources[name].written}" for other in others)
             rows.append((f"{name.partition('.')[0]}.{source.key}", str(source.written), source.unit, texts))
     return rows
+
+
+def _values(choice) -> str:
+    """The values of a choice, that of `corrected` in brackets."""
+    if choice.range:
+        factor = "factor " if choice.range.is_factor else ""
+        return f"{factor}{choice.range.low:g} to {choice.range.high:g} [{choice.corrected:g}]"
+    return ", ".join(f"[{name}]" if name == choice.corrected else name for name in choice.alternatives)
+
+
+def moved(rows, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moves, see `marsedl.replication.universes.what_if`."""
+    if as_json:
+        yield json.dumps([asdict(row) for row in rows], indent=1)
+        return
+    if not rows:
+        yield "no verdict changes, and no number moves by more than its error"
+        return
+    table = [
+        (
+            row.component,
+            row.verdict_before if row.verdict_before == row.verdict_after
+            else f"{row.verdict_before} -> {row.verdict_after}",
+            f"{row.before:.6g} -> {row.after:.6g}",
+            f"moves by {row.size:.3g} times what noise and rounding explain" if row.size == row.size else row.sentence,
+        )
+        for row in rows
+    ]  # fmt: skip
+    yield columns(table, 0, wrap=False)
+
+
+def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
+    """Yield the choices of a universe and what its claims give."""
+    choices = evaluator.study.choices.complete(row.universe.assignment)
+    claims = [
+        (name, outcome.verdict if outcome.cause == "result" else outcome.cause, outcome.sentence)
+        for name, outcome in row.outcomes.items()
+    ]
+    if as_json:
+        yield json.dumps({"number": row.universe.number, "choices": choices, "claims": claims}, indent=1)
+        return
+    yield f"universe {row.universe.number} of {evaluator.paper.slug}, {row.universe.design.replace('_', ' ')}"
+    yield columns([(name, str(value)) for name, value in choices.items()], 2)
+    yield "\nclaims"
+    yield columns(claims, 2)
 
 
 def explained_claim(project, claim) -> Iterator[str]:

@@ -30,7 +30,7 @@ def test_an_edited_comparison_is_made_again_alone(copied):
     copied.edit("src/marsedl/comparison/texts.yaml", "Density models of the papers. ", "Densities of the papers. ")
     copied.edit("src/marsedl/comparison/texts.yaml", "Altitude against velocity: ", "Altitude over velocity: ")
     plan = copied.plan("all")
-    assert plan.outputs["comparison_product"] == PRODUCTS["densities"], "a caption alone draws nothing again"
+    assert plan.outputs["compared"] == PRODUCTS["densities"], "a caption alone draws nothing again"
     assert plan.artifacts == set()
     assert plan.rules.isdisjoint({"figure", "table"})
 

@@ -58,7 +58,7 @@ def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished
 
     said = tree.fails(*targets, *lost, configfile=path)
     for slug, (_, artifact, fragments) in FAILING.items():
-        start = f"folder build/smoke, paper {slug}, reading unsolved, job {slug}_{artifact}: "
+        start = f"folder build/smoke, paper {slug}, reading unsolved, job {artifact}: "
         messages = re.findall(rf"(?m)^{start}(.*)$", said)
         assert messages, f"{slug}: {said[-5000:]}"
         for fragment in fragments:

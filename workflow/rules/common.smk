@@ -13,6 +13,7 @@ from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.report.pages import site_files
@@ -99,12 +100,12 @@ def inputs(*products):
     return files
 
 
-def made(product):
+def made(product, recorded=True):
     """What a job is given beside files, and where it records that: an edit of it makes Snakemake run the job again."""
 
     def given(wildcards):
         path = filled(product, wildcards)
-        return {**RECIPES.job(path).own, "record": RECIPES.record(path)}
+        return RECIPES.job(path).own | ({"record": RECIPES.record(path)} if recorded else {})
 
     return given
 
@@ -139,6 +140,17 @@ TOGETHER = [
     (paper, cases, "|".join(readings)) for paper in PAPERS for cases, readings in SHARED[paper].flown_together().items()
 ]
 SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARED.items() if shared.scattered) or "(?!)"
+
+
+# --- universes
+
+HEADLINES = range(1, 1 + len(read_yaml(ROOT / f"data/published/{SLUGS[0]}.yaml").get("headline", ())))
+
+
+def universe_chunks(wildcards):
+    """The files of all chunks of a paper's universes."""
+    chunks = STUDIES[wildcards.paper].universe_jobs
+    return [f"report/universes/{wildcards.paper}.{chunk}of{chunks}.h5" for chunk in range(chunks)]
 
 
 # --- what `snakemake --report` shows

@@ -19,6 +19,10 @@ class InputError(MarsedlError):
     """An input or a name given by the user that is not valid."""
 
 
+class InadmissibleError(InputError):
+    """Inputs that contradict what the paper prints, or each other."""
+
+
 class SolverError(MarsedlError):
     """A solver that found no solution; `iterate` holds its last iterate as named columns of equal length."""
 
@@ -26,6 +30,10 @@ class SolverError(MarsedlError):
         """Take the message for the user and the iterate."""
         super().__init__(message)
         self.iterate = iterate
+
+
+class InfeasibleError(SolverError):
+    """A problem that has no solution."""
 
 
 def nearest(name: str, valid: typing.Iterable[str]) -> str:

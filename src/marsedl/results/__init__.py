@@ -7,6 +7,7 @@
     results.table("powered_descent", "eq54")                  # a table that the figures stand beside
     results.artifact("powered_descent", "gains")              # what a stage computed, dimensions and components named
     results.ensemble("powered_descent", "closed_loop")        # trials of a Monte Carlo case, read when used
+    results.universes("powered_descent")                      # each number of each claim in every universe
     results.inputs("powered_descent", "printed")              # a reading's inputs with units and sources
 
 Nothing is computed: asking for something that is not built raises an error that names the command. Everywhere, `build`
@@ -14,6 +15,6 @@ is the folder of another build; by default it is the current folder if that hold
 """
 
 from marsedl.results.artifacts import artifact, ensemble
-from marsedl.results.tables import claims, inputs, table, verdicts
+from marsedl.results.tables import claims, inputs, table, universes, verdicts
 
-__all__ = ["artifact", "claims", "ensemble", "inputs", "table", "verdicts"]
+__all__ = ["artifact", "claims", "ensemble", "inputs", "table", "universes", "verdicts"]

@@ -62,6 +62,43 @@ def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | N
     return frame
 
 
+def universes(paper: str, build: str | Path | None = None) -> pd.DataFrame:
+    """Return what every claim gives in every universe: a row for each universe and number of a claim.
+
+    Columns: universe (its number), design, each choice by its name (the value, or the number of a range), claim,
+    component, value, standard_error, limit (what is printed, or the limit of a statement), verdict, cause ("result", or
+    why there is no verdict).
+
+    Raises InputError if there is no such paper, ArtifactError if the table is not built: `snakemake multiverse`.
+    """
+    from marsedl.replication.records import store
+    from marsedl.replication.universes.designs import DESIGNS
+    from marsedl.replication.universes.table import CAUSES, VERDICTS, Universes
+
+    found = find(build)
+    choices = found.study(paper).choices
+    of = store.load(found.folder / "report" / "universes" / f"{paper}.h5", Universes, paper=paper)
+    columns = {
+        one.name: of.assignment[:, k] if one.range else [[*one.alternatives][int(v)] for v in of.assignment[:, k]]
+        for k, one in enumerate(choices)
+    }
+    rows = pd.DataFrame({"universe": of.number, "design": [DESIGNS[k] for k in of.design], **columns})
+    claim = [[*of.claim].index(name.partition("[")[0]) for name in of.component]
+    frames = [
+        rows.assign(
+            claim=of.claim[at],
+            component=name,
+            value=of.value[:, k],
+            standard_error=of.error[:, k],
+            limit=of.limit[:, k],
+            verdict=[VERDICTS[code] for code in of.verdict[:, at]],
+            cause=[CAUSES[code] for code in of.cause[:, at]],
+        )
+        for k, (name, at) in enumerate(zip(of.component, claim, strict=True))
+    ]
+    return pd.concat(frames, ignore_index=True).sort_values(["universe", "component"], ignore_index=True)
+
+
 def inputs(paper: str, reading: str = CORRECTED, build: str | Path | None = None) -> pd.DataFrame:
     """Return the inputs of a reading.
 

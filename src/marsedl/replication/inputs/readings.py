@@ -7,34 +7,26 @@ source and, if one likes, its unit; a section may name the `source` of all of it
 import hashlib
 import inspect
 import json
+import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs import CORRECTED, PRINTED
+from marsedl.replication.inputs.choices import Assignment, Choices, of_written, source_of_key
 from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.inputs.written import Settings, Sourced, WrittenReading, configuration, own_configuration
+from marsedl.replication.inputs.sources import Source, inputs_set
+from marsedl.replication.inputs.written import Settings, WrittenReading, configuration, own_configuration
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
 
+SMALL = 4  # universes of the space-filling design of a smaller size
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
 SETTINGS = tuple(Settings.model_fields)  # at the top of a user's configuration, beside the papers
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where an input comes from: key, value and unit as written, the reading that sets it, and the value in SI."""
-
-    key: str
-    written: object
-    unit: str
-    source: str
-    reading: str
-    value: object
 
 
 @dataclass(frozen=True)
@@ -64,10 +56,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class Study:
-    """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case.
+    """All of a paper's configuration: its readings, its choices and the number of chunks of each Monte Carlo case.
 
     `compared` are the readings in which claims are evaluated; a smaller size may leave some out. `own_readings` are
-    those of a user's file.
+    those of a user's file. `universes` says how universes are computed; `limits` are those of the size and of them.
     """
 
     paper: str
@@ -76,6 +68,38 @@ class Study:
     compared: tuple[str, ...]
     own_readings: frozenset[str] = frozenset()
     size: str = FULL
+    choices: Choices = field(default_factory=Choices)
+    universes: typing.Any = None
+    space_filling: int = 0  # universes of this design
+    universe_jobs: int = 1
+    resolver: typing.Any = field(default=None, repr=False, compare=False)
+    limits: tuple[tuple[Mapping, Place], ...] = ()
+
+    def universe(self, assignment: Assignment, inputs: Mapping[str, object] = {}, seed: int = 0) -> Reading:
+        """Return `corrected` with values of choices, and with the numbers of trials of universes.
+
+        Args:
+            assignment: values of choices by name.
+            inputs: further inputs by "section.key", as they are written in a file.
+            seed: added to the seed of the random streams.
+
+        Raises:
+            InputError: for an unknown choice, value or input, and for inputs that do not fit together.
+
+        """
+        base = self.readings[CORRECTED]
+        sources = self.choices.applied(base.sources, assignment)
+        for key, value in inputs.items():
+            name, source = self.resolver.source(key, value)
+            sources[name] = source
+        for name in [name for name in sources if name.endswith(".seed")]:
+            sources[name] = replace(sources[name], value=sources[name].value + seed)
+        place = Place("universe")
+        made = self.resolver.inputs(sources, place)
+        reading = replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources)
+        for limits, at in self.limits:
+            reading = self.resolver.limited(reading, limits, at)
+        return reading
 
 
 def load_studies(
@@ -138,7 +162,11 @@ def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_p
         at, remedy = own_place / "readings" / name, f"choose another name and write 'based_on: {name}'"
         if bodies.setdefault(name, (at, body))[0] is not at:
             raise InputError(f"{at}: the name belongs to a reading of {path}; {remedy}")
-    resolver = _Resolver(model, root, bodies)
+    choices = of_written(file.choices, model, place / "choices")
+    resolver = _Resolver(model, root, bodies, choices)
+    if choices:
+        choices = choices.placed(resolver.readings[PRINTED].sources, resolver.readings[CORRECTED].sources)
+    bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
     readings, compared = resolver.readings, tuple(resolver.readings)
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place)
@@ -146,8 +174,14 @@ def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_p
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: resolver.limited(reading, limits, place) for name, reading in readings.items()}
+        bounds = [(limits, place), *bounds]
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
-    return Study(slug, readings, chunks, compared, frozenset(own), settings.size)
+    own_names = frozenset(own)
+    count = settings.universes or (file.universes.space_filling if settings.size == FULL else SMALL)
+    return Study(
+        *(slug, readings, chunks, compared, own_names, settings.size, choices, file.universes),
+        *(count, settings.chunks or file.universes.jobs, resolver, tuple(bounds)),
+    )
 
 
 def _size(file: Keys, size: str, place: Place) -> tuple[dict[str, dict[str, float]], set[str]]:
@@ -168,8 +202,10 @@ def _size(file: Keys, size: str, place: Place) -> tuple[dict[str, dict[str, floa
 class _Resolver:
     """Makes the readings of a paper from what is written of them, each after the one that it is based on."""
 
-    def __init__(self, model: type[Inputs], root: Path, bodies: Mapping[str, tuple[Place, WrittenReading]]):
-        self._model, self._root, self._bodies = model, root, bodies
+    def __init__(
+        self, model: type[Inputs], root: Path, bodies: Mapping[str, tuple[Place, WrittenReading]], choices: Choices
+    ):
+        self._model, self._root, self._bodies, self._choices = model, root, bodies, choices
         self.readings: dict[str, Reading] = {}
         for name in bodies:
             self._resolve(name)
@@ -178,7 +214,7 @@ class _Resolver:
         """Return a reading; `above` are those that are based on it, directly or through others."""
         if name in self.readings:
             return self.readings[name]
-        (place, body), base, sections = self._bodies[name], None, {}
+        (place, body), base = self._bodies[name], None
         if body.based_on:
             at, other = place / "based_on", body.based_on
             if other not in self._bodies:
@@ -188,25 +224,33 @@ class _Resolver:
                 raise InputError(f"{at}: {problem}; name another reading")
             base = self._resolve(other, (name, *above))
         sources = dict(base.sources) if base else {}
+        for choice, value in self._choices.checked(body.choices, place / "choices").items():
+            sources = self._choices.by_name[choice].applied(sources, value)
         for section, of in self._model.sections().items():
-            entries = getattr(body, section)
-            sources |= inputs_set(section, of, entries, name, place)
-            unchanged = base and not entries
-            sections[section] = getattr(base.inputs, section) if unchanged else self._section(section, sources, place)
-        for check in self._model.CHECKS:
-            try:
-                check(*(sections[parameter] for parameter in inspect.signature(check).parameters))
-            except ValueError as error:
-                raise InputError(f"{place}: {error}") from None
+            sources |= inputs_set(section, of, getattr(body, section), name, place)
+        inputs = self.inputs(sources, place)
         digest = _digest({key: source.value for key, source in sources.items()})
         if body.frozen not in ("", digest):
             raise InputError(
                 f"{place}: is frozen, and its inputs have changed (their digest is {digest}, not {body.frozen}); "
                 f"undo the change and write it into a reading of your own that is based_on: {name}"
             )
-        inputs = self._model(**sections)
         self.readings[name] = Reading(name, body.summary, body.based_on, body.frozen, inputs, sources)
         return self.readings[name]
+
+    def inputs(self, sources: Mapping[str, Source], place: Place) -> Inputs:
+        """Return typed inputs from their sources; raises InputError for inputs that do not fit together."""
+        sections = {section: self._section(section, sources, place) for section in self._model.sections()}
+        for check in self._model.CHECKS:
+            try:
+                check(*(sections[parameter] for parameter in inspect.signature(check).parameters))
+            except ValueError as error:
+                raise InputError(f"{place}: {error}") from None
+        return self._model(**sections)
+
+    def source(self, key: str, value: object) -> tuple[str, Source]:
+        """Return the input that "section.key" sets, and its source; raises InputError naming the nearest key."""
+        return source_of_key(self._model, key, value)
 
     def limited(self, reading: Reading, limits: Mapping[str, Mapping[str, float]], place: Place) -> Reading:
         """Return a reading with no input, and no number in one, above its limit."""
@@ -229,29 +273,6 @@ class _Resolver:
         field = fault["loc"][0]
         source = sources[f"{section}.{field}"]
         raise InputError(f"{place / source.key}: {sentence(fault, limits.get(field, source.written))}")
-
-
-def inputs_set(
-    section: str, of: type[Section], entries: Mapping[str, Sourced], name: str, place: Place
-) -> dict[str, Source]:
-    """Return the inputs of a section that are written at a place, by "section.name"; `name` is what sets them."""
-    found: dict[str, Source] = {}
-    for key, entry in entries.items():
-        (field, factor, unit), at = of.keys()[key], place / section / key
-        if entry.unit not in ("", unit):
-            raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
-        source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
-        if (other := found.setdefault(f"{section}.{field}", source)) is not source:
-            raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
-    return found
-
-
-def in_si(value: object, factor: float) -> object:
-    """Return a value in SI; what is no number is left to its section to refuse."""
-    if isinstance(value, list):
-        return [in_si(entry, factor) for entry in value]
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value * factor if is_number and factor != 1.0 else value
 
 
 def _lowered(value: object, limit: float) -> object:

@@ -4,7 +4,16 @@ import functools
 import re
 import typing
 
-from pydantic import AfterValidator, BeforeValidator, Field, GetPydanticSchema, Strict, WithJsonSchema, create_model
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    GetPydanticSchema,
+    Strict,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 from marsedl.replication.errors import nearest
 from marsedl.replication.inputs import CORRECTED, PRINTED
@@ -65,6 +74,7 @@ class WrittenReading(Keys, json_schema_extra=_complete):
     based_on: Name | None = Field(
         None, description="the reading of which the inputs are taken that are not given here; without it, give all"
     )
+    choices: dict[str, str | float] = Field({}, description="values of choices, by the choices' names")
     frozen: str = Field(
         "",
         pattern="^([0-9a-f]{12})?$",
@@ -84,6 +94,7 @@ class Settings(Keys):
 
     size: str = Field("full", description="the size of the build: full, or one under sizes in configs/*.yaml")
     chunks: Chunks | None = Field(None, description="into how many jobs the trials of every case are divided")
+    universes: Chunks | None = Field(None, description="how many universes the space-filling design has")
 
 
 def _section_of(key: str, inputs: type[Inputs]) -> str:
@@ -158,6 +169,54 @@ def _readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
     return dict[Name, reading]
 
 
+class WrittenRange(Keys):
+    """The numbers that an input may take, or the factors on its value in the reading `corrected`."""
+
+    input: str = Field(description="the input as section.key, with the unit suffix in which `between` is written")
+    component: int | None = Field(None, ge=0, description="of a list: which of its numbers, counted from 0")
+    between: tuple[float, float] | None = Field(None, description="the least and the largest number")
+    factor: tuple[float, float] | None = Field(None, description="the least and the largest factor, instead")
+    scale: typing.Literal["linear", "log"] = Field("linear", description="in what it is uniform")
+    source: Source = Field(description="where these limits come from")
+
+    @model_validator(mode="after")
+    def _ascends(self):
+        if (self.between is None) == (self.factor is None):
+            raise ValueError("give either 'between' or 'factor'")
+        low, high = self.between or self.factor
+        if not low < high:
+            raise ValueError(f"the limits {low:g} and {high:g} do not ascend")
+        if (self.scale == "log" or self.factor) and low <= 0:
+            raise ValueError(f"a factor and a logarithmic scale need positive limits, not {low:g}")
+        return self
+
+
+class WrittenChoice(Keys):
+    """Base of a choice as it is written: what is doubted, and its values or its range."""
+
+    asks: str = Field(description="the question that the choice answers, in a sentence")
+    because: str = Field(
+        pattern=r"^(E\d+|withheld|misprint|setting)\b",
+        description="the erratum, or 'withheld', 'misprint' or 'setting', with a remark if one likes",
+    )
+    entered: str = Field("", description="when it was entered, if that was after results had been seen")
+    only_if: dict[str, list[str]] = Field(
+        {}, description="by other choices, their values without which this one changes nothing"
+    )
+    apart: list[str] = Field(
+        [], description="values that are not combined with others: a misprint, or what something printed rules out"
+    )
+    range: WrittenRange | None = Field(None, description="numbers that an input may take, instead of values")
+
+
+def written_choices(inputs: type[Inputs]) -> typing.Any:
+    """Return the type of the choices of a paper, by name."""
+    sections = {name: (_section(of, inputs), Field({})) for name, of in inputs.sections().items()}
+    alternative = create_model(f"AlternativeOf{inputs.__name__}", __base__=Keys, **sections)
+    values = (dict[Name, alternative], Field({}, description="what each alternative sets; nothing: as in corrected"))
+    return dict[Name, create_model(f"ChoiceOf{inputs.__name__}", __base__=WrittenChoice, values=values)]
+
+
 def own_configuration(models: dict[str, type[Inputs]]) -> type[Settings]:
     """Return the model of a user's own configuration for papers by slug."""
     own = Field(description="readings of your own, by new names", json_schema_extra=_NO_OTHERS)
@@ -181,6 +240,16 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
     compared = list[str], Field(None, description=meaning, json_schema_extra=both)
     size = create_model("Size", __base__=Keys, readings=compared, **limits)
     by_name = Field(description="the paper's readings by name", json_schema_extra=_NO_OTHERS)
+    universes = create_model(
+        "Universes",
+        __base__=Keys,
+        space_filling=(int, Field(64, ge=0, description="universes of the space-filling design of a full build")),
+        one_at_a_time=(list[str] | None, Field(None, description="choices that a full build varies by themselves")),
+        redrawn=(list[str], Field([], description="choices that are drawn again until a universe is admissible")),
+        tries=(int, Field(100, ge=1, description="how often at most")),
+        jobs=(int, Field(2, ge=1, description="jobs that compute them")),
+        **limits,
+    )
     return create_model(
         "Configuration",
         __base__=Keys,
@@ -189,5 +258,7 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
             chunks,
             Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none"),
         ),
+        choices=(written_choices(inputs), Field({}, description="what is doubted about the paper, by name")),
+        universes=(universes, Field(universes(), description="how universes are computed: numbers of trials at most")),
         sizes=(dict[str, size], Field({}, description="smaller sizes of a build by name, for --config size=NAME")),
     )

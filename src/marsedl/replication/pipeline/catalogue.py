@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.util import find_spec
 from typing import NamedTuple
 
 TEXTS = "texts.yaml"  # in the folder of a paper, and in that of the comparisons: captions and other words
@@ -146,6 +147,15 @@ def function_of(entry: str) -> Callable:
     """Return the function of an entry."""
     module, _, name = entry.partition(":")
     return getattr(import_module(module), name)
+
+
+def constraint_of(paper: str) -> Callable | None:
+    """Return the function of `papers/<slug>/admissible.py`, if there is one.
+
+    It raises InadmissibleError for a universe that contradicts what the paper prints; it takes sections and artifacts.
+    """
+    entry = entry_of(paper, "admissible", "admissible")
+    return function_of(entry) if find_spec(entry.partition(":")[0]) else None
 
 
 def whole_case(case: str, trials: int, paper) -> dict[str, object]:

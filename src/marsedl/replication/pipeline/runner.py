@@ -49,11 +49,23 @@ class Memory:
     def __init__(self, folder: Path | None = None, code: Callable[[str], str] = str):
         """Start empty, or with what a folder holds of earlier runs."""
         self.folder, self.code, self.computed = folder, code, 0
-        self._records: dict[str, tuple[object, str]] = {}
+        self._records: dict[str, tuple[object, str] | Exception] = {}
+        self._used: set[str] = set()
+        self._kept: set[str] | None = None
 
     def record(self, run: "Run", name: str) -> object:
         """Return a record of a run, computed if it is not remembered; raises ArtifactError for a damaged file."""
         return self._remembered(run, name)[0]
+
+    def __len__(self) -> int:
+        """Return how many records, and failures, are remembered in this process."""
+        return len(self._records)
+
+    def let_go(self) -> None:
+        """Let go of what was not asked for since the last call; what was there at the first call stays."""
+        self._kept = set(self._records) if self._kept is None else self._kept
+        self._records = {key: one for key, one in self._records.items() if key in self._used | self._kept}
+        self._used = set()
 
     def _remembered(self, run: "Run", name: str) -> tuple[object, str]:
         """A record with the digest of its content."""
@@ -65,32 +77,52 @@ class Memory:
             "records": {need: self._remembered(run, need)[1] for need in stage.needs},
         }
         key = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).hexdigest()
+        self._used.add(key)
         if key not in self._records:
-            path = self.folder / f"{key}.h5" if self.folder else None
-            if path and path.exists():
-                record = store.load(path, record_type(stage.entries), paper=run.paper.slug)
-            else:
-                self.computed += 1
-                record = store.as_loaded(computed(stage.entries, run.given(stage.inputs), run.flown.get(name)))
-                if path:
-                    store.save(path, record, paper=run.paper.slug, reading=key, provenance={})
-            self._records[key] = record, store.content_digest(record)
-        return self._records[key]
+            try:
+                record = self._record(run, name, key)
+                self._records[key] = record, store.content_digest(record)
+            except Exception as error:  # which another run would meet again
+                self._records[key] = error
+        if isinstance(remembered := self._records[key], Exception):
+            raise remembered
+        return remembered
+
+    def _record(self, run: "Run", name: str, key: str) -> object:
+        """A record from its file, if there is one, or computed."""
+        stage, path = run.stage(name), self.folder / f"{key}.h5" if self.folder else None
+        if path and path.exists():
+            return store.load(path, record_type(stage.entries), paper=run.paper.slug)
+        self.computed += 1
+        record = store.as_loaded(computed(stage.entries, run.given(stage.inputs), run.flown.get(name)))
+        if path:
+            store.save(path, record, paper=run.paper.slug, reading=key, provenance={})
+        return record
 
 
 class Run:
     """One paper with one complete set of inputs; every record is computed when it is first asked for."""
 
-    def __init__(self, paper: Paper, values: Mapping[str, object], memory: Memory, trials: Mapping[str, int]):
-        """Take a catalogue, plain inputs by "section.name", a memory that runs may share, the trials of each case."""
-        self.paper, self.values, self.memory = paper, values, memory
+    def __init__(
+        self,
+        paper: Paper,
+        values: Mapping[str, object],
+        memory: Memory,
+        trials: Mapping[str, int],
+        without: Iterable[str] = (),
+    ):
+        """Take a catalogue, plain inputs by "section.name", a memory that runs may share, the trials of each case.
+
+        without: stages that claims, figures and tables of this run do not have.
+        """
+        self.paper, self.values, self.memory, self.without = paper, values, memory, frozenset(without)
         self.flown = {f"{FLIGHTS}.{case}": whole_case(case, number, paper) for case, number in trials.items()}
 
     @classmethod
-    def of(cls, paper: Paper, inputs: "Inputs", memory: Memory) -> "Run":
+    def of(cls, paper: Paper, inputs: "Inputs", memory: Memory, without: Iterable[str] = ()) -> "Run":
         """Return the run of a paper with typed inputs."""
-        trials = {case: inputs.get(name) for case, name in inputs.CASES.items()}
-        return cls(paper, inputs.plain(), memory, {case: number for case, number in trials.items() if number})
+        trials = {case: number for case, name in inputs.CASES.items() if (number := inputs.get(name))}
+        return cls(paper, inputs.plain(), memory, trials, without)
 
     def record(self, name: str) -> typing.Any:
         """Return an artifact by its name, such as "gains" or "montecarlo.closed_loop"; raises what `stage` does."""
@@ -112,7 +144,7 @@ class Run:
         def artifact(parameter: str, kind: type) -> typing.Any:
             if f"{FLIGHTS}.{parameter}" in self.flown:
                 return self.record(f"{FLIGHTS}.{parameter}")
-            return self.record(parameter) if parameter in self.paper.stages else None
+            return self.record(parameter) if parameter in self.paper.stages.keys() - self.without else None
 
         values = self.values if names is None else {name: self.values[name] for name in names}
         return Arguments(values, artifact)

@@ -9,6 +9,7 @@ was made from wherever it is copied, and Snakemake's own records may be lost.
 import hashlib
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -118,6 +119,8 @@ class Recipes:
                 needs = [*sorted(self.claimed(stem, CORRECTED).values()), f"report/claims/{stem}.json"]
                 job = f"report/counterexamples/{stem}", needs, "counterexamples.py", *self._claims_entries(stem)
                 return self._made(*job, **self._judging(stem, [CORRECTED]))
+            case "report", "universes", _:
+                return self._universes(stem.partition(".")[0])
             case "report", "claims.json" | "badge.json":
                 kinds = "claims", "counterexamples"
                 needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
@@ -129,6 +132,8 @@ class Recipes:
                 return self._site()
             case _, "comparison", _:
                 return self._comparison(stem)
+            case _, paper, "universes", _:
+                return self._universes(paper)
             case _, paper, _ if stem in {*self.papers[paper].summaries, "claims"}:
                 return self._claims(paper)
             case _, paper, *reading, _:
@@ -183,6 +188,23 @@ class Recipes:
         }
         job = f"report/claims/{paper}", self.cache(paper), "claims.py", *self._claims_entries(paper)
         return self._made(*job, judged=judged, **self._judging(paper, study.compared))
+
+    def _universes(self, paper: str) -> Made:
+        """The table of a paper's universes: all stages that claims use, and what universes vary and how."""
+        study, stages = self.studies[paper], self.papers[paper].stages.values()
+        entries = [entry for stage in stages if not stage.claimed_in for entry in stage.entries]
+        constraint = list(self.sources.functions(f"marsedl.papers.{paper}.admissible"))
+        job = f"report/universes/{paper}", [], "universes_chunk.py", *self._claims_entries(paper), *entries, *constraint
+        return self._made(
+            *job,
+            size=self.size,
+            space_filling=study.space_filling,
+            alone=study.universes.one_at_a_time,
+            choices={one.name: asdict(one) for one in study.choices},
+            limits=[limits for limits, _ in study.limits],
+            redrawn=[*study.universes.redrawn, study.universes.tries],
+            **self._judging(paper, [CORRECTED]) | {"artifacts": {}},
+        )
 
     def _site(self) -> Made:
         digests = "report/digests.json"

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
 from marsedl.replication.claims.quotes import quotes_in
 from marsedl.replication.inputs.messages import Keys, Place, checked
@@ -51,6 +51,12 @@ class _Texts(Keys):
     tables: dict[str, _Table] = Field({})
     over_readings: dict[str, Text] = Field({})
     errata: dict[str, _Erratum] = Field({})
+
+    @field_validator("figures", "tables", "over_readings", "errata", mode="before")
+    @classmethod
+    def _none_of_them(cls, value):
+        return {} if value is None else value
+
     question: Plain = ""
     in_short: tuple[Text, ...] = ()
     picture: str = ""

@@ -1,0 +1,194 @@
+"""Pictures of what universes say of a paper's claims."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
+from marsedl.replication.inputs.choices import Choice, Value
+from marsedl.replication.universes.judging import REFUTED, STANDING, Judge
+from marsedl.replication.universes.table import VERDICTS
+from marsedl.replication.universes.waves import Matching, Wave
+
+COLOURS = {"reproduced or holds": BLUE, "undetermined": GREY, "differs or fails": VERMILION}
+SHOWN = 6  # choices below a specification curve
+LARGEST_SIZE = 30.0  # of a change in the heat map's colours
+
+
+def in_words(name: object) -> str:
+    """Return a name, or the number of a range, as a label."""
+    return f"{name:.3g}" if isinstance(name, float) else str(name).replace("_", " ")
+
+
+def specification_curve(judge: Judge, claim: str, title: str = ""):
+    """Draw the values of a claim over all universes, sorted, with the choices that decide it below.
+
+    Every point is a universe, coloured by its verdict; the line is what is printed, or the limit of a statement.
+    """
+    judged, table = judge.judged(claim), judge.table
+    place = judge.component_place(claim)
+    values = table.value[:, place] if place is not None else np.full(len(table.number), np.nan)
+    order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
+    verdicts = np.array(VERDICTS)[table.verdict[order, judge.claim_place(claim)]]
+    shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
+    rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
+    figure, axes = new_figure(
+        6.4, 2.4 + 0.17 * len(rows), nrows=2, sharex=True, height_ratios=(2.2, max(0.17 * len(rows), 0.4))
+    )
+    x = np.arange(len(order))
+    groups = {
+        "reproduced or holds": np.isin(verdicts, STANDING),
+        "differs or fails": np.isin(verdicts, REFUTED),
+    }
+    groups["undetermined"] = ~np.any(list(groups.values()), axis=0)
+    for label, those in groups.items():
+        if those.any():
+            at = np.array(order)[those]
+            errors = np.nan_to_num(table.error[at, place])
+            name = f"{label} ({those.sum()})"
+            axes[0].errorbar(x[those], values[at], errors, fmt=".", ms=4, lw=0.6, color=COLOURS[label], label=name)
+    limits = np.unique(table.limit[order, place]) if len(order) else []
+    if len(limits) == 1:
+        axes[0].axhline(limits[0], color=BLACK, lw=0.9, label="limit" if judge.is_statement(claim) else "printed")
+    base = order.index(judge.base) if judge.base in order else None
+    if base is not None:
+        axes[0].plot(base, values[judge.base], "o", mfc="none", mec=BLACK, ms=7, label="corrected")
+    typical = np.percentile(np.abs(values[order]), 80) if order else 0.0
+    if order and 0.0 < 20.0 * typical < np.abs(values[order]).max():
+        axes[0].set_yscale("symlog", linthresh=typical)
+    axes[0].set_title(title or in_words(claim))
+    axes[0].set_ylabel(str(table.component[place]) if place is not None else "")
+    axes[0].legend(loc="best")
+    _dots(axes[1], judge, rows, order)
+    axes[1].set_xlabel(f"universes, sorted by value ({len(table.number) - len(order)} without a value)")
+    return figure
+
+
+def _shown(judge: Judge, *orders: Sequence[str]) -> list[Choice]:
+    names = [name for order in orders for name in order if " x " not in name]
+    by_name = judge.choices.by_name
+    return [by_name[name] for name in dict.fromkeys([*names, *by_name])][:SHOWN]
+
+
+def _dots(axes, judge: Judge, rows: list[tuple[Choice, Value | None]], order: list[int]) -> None:
+    """Choices as dots: one row a value; of a range, the share of it that a universe has as the dot's height."""
+    names = [one.name for one in judge.choices]
+    labels = []
+    for k, (one, value) in enumerate(rows):
+        numbers = judge.table.assignment[order, names.index(one.name)]
+        if one.range:
+            shares = np.array([one.range.share(number) if np.isfinite(number) else np.nan for number in numbers])
+            axes.plot(np.arange(len(order)), k + 0.4 - 0.8 * shares, ".", ms=2.5, color=ORANGE)
+            labels.append(f"{in_words(one.name)}: {one.range.low:g} to {one.range.high:g}")
+        else:
+            at = np.flatnonzero(numbers == list(one.alternatives).index(value))
+            axes.plot(at, np.full(len(at), k), "|", ms=5, color=BLUE)
+            labels.append(f"{in_words(one.name)}: {in_words(value)}")
+    axes.set_yticks(np.arange(len(rows)), labels, fontsize=6.5)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.grid(visible=False, axis="x")
+
+
+def tornado(judge: Judge, claim: str, title: str = ""):
+    """Draw how far each value of each choice, by itself, moves a claim's number towards what is printed, or away."""
+    effects = [one for one in judge.effects(claim) if np.isfinite(one.size) and one.counts]
+    names = list(dict.fromkeys(one.choice for one in effects))[:12]
+    figure, axes = new_figure(6.4, 1.3 + 0.36 * max(len(names), 1))
+    for k, name in enumerate(names):
+        own = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
+        for place, one in enumerate(own):
+            size = min(one.size, LARGEST_SIZE) * (1.0 if one.towards else -1.0)
+            turned = _turns(judge.verdict(claim), one.verdict)
+            axes.barh(k, size, height=0.5, color=BLUE if one.towards else VERMILION, alpha=0.55)
+            height = k - 0.33 if place % 2 else k + 0.33
+            text = f"{in_words(one.value)}{' (turns it)' if turned else ''}"
+            axes.annotate(text, (size, height), ha="center", va="center", fontsize=6)
+    axes.set_xscale("symlog", linthresh=1.0)
+    axes.set_xlim(-2 * LARGEST_SIZE, 2 * LARGEST_SIZE)
+    axes.axvline(0.0, color=BLACK, lw=0.8)
+    axes.set_yticks(np.arange(len(names)), [in_words(name) for name in names])
+    axes.set_ylim(max(len(names), 1) - 0.4, -0.6)
+    axes.set_xlabel("change over noise and rounding: away from what is printed (left), towards it (right)")
+    axes.set_title(title or in_words(claim))
+    return figure
+
+
+def heat_map(judge: Judge, claims: Sequence[str]):
+    """Draw how large the effect of each choice on each claim is by itself; a dot marks a verdict that turns."""
+    choices = list(judge.choices)
+    sizes, turned, kept = [], [], []
+    for claim in claims:
+        effects = judge.effects(claim)
+        row = [
+            max((e.size for e in effects if e.choice == one.name and np.isfinite(e.size)), default=np.nan)
+            for one in choices
+        ]
+        turns = [
+            any(e.choice == one.name and _turns(judge.verdict(claim), e.verdict) for e in effects) for one in choices
+        ]
+        if np.nanmax([*row, 0.0]) > 1.0 or any(turns):
+            sizes.append(row)
+            turned.append(turns)
+            kept.append(claim)
+    figure, axes = new_figure(2.4 + 0.26 * len(choices), 1.8 + 0.15 * max(len(kept), 1))
+    if kept:
+        shown = np.log10(np.clip(np.nan_to_num(sizes), 0.1, LARGEST_SIZE))
+        image = axes.imshow(shown, cmap="Blues", aspect="auto", vmin=-1.0, vmax=np.log10(LARGEST_SIZE))
+        y, x = np.nonzero(turned)
+        axes.plot(x, y, "o", ms=3.5, color=VERMILION)
+        bar = figure.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
+        bar.set_ticklabels(["0.1", "1", "10"])
+        bar.set_label("change over noise and rounding")
+    axes.set_xticks(
+        np.arange(len(choices)), [in_words(one.name) for one in choices], rotation=60, ha="right", fontsize=6.5
+    )
+    axes.set_yticks(np.arange(len(kept)), [in_words(one) for one in kept], fontsize=6)
+    axes.grid(visible=False)
+    return figure
+
+
+def _turns(before: str, after: str) -> bool:
+    return (before in STANDING and after in REFUTED) or (before in REFUTED and after in STANDING)
+
+
+def pictures(judge: Judge) -> list:
+    """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
+    matching = Matching(judge.choices, list(judge.published.values()))
+    drawn = [heat_map(judge, [str(claim) for claim in judge.table.claim])]
+    drawn.append(closing_in([matching.wave(judge.table, 0)[0]], matching.varied))
+    for claim in matching.headlines:
+        if claim.id in judge.table.claim:
+            drawn += [specification_curve(judge, claim.id, claim.plain), tornado(judge, claim.id, claim.plain)]
+        else:
+            drawn += [nothing(f"{claim.plain}\nis a claim on the method, which no universe evaluates")] * 2
+    return drawn
+
+
+def nothing(text: str):
+    """Draw a sentence in place of a picture that cannot be drawn."""
+    figure, axes = new_figure(6.4, 1.0)
+    axes.axis("off")
+    axes.text(0.5, 0.5, text, ha="center", va="center", wrap=True)
+    return figure
+
+
+def closing_in(waves: Sequence[Wave], choices: Sequence[Choice]):
+    """Draw how much of the space of choices each wave leaves, and what values the last one leaves of each choice."""
+    figure, axes = new_figure(6.4, 1.6 + 0.24 * len(choices), ncols=2, width_ratios=(1.0, 1.6))
+    volumes = [wave.volume for wave in waves]
+    axes[0].plot(np.arange(len(waves)), volumes, "o-", color=BLUE)
+    axes[0].set_yscale("symlog", linthresh=1e-4)
+    axes[0].set_ylim(0.0, 1.3)
+    axes[0].set_xticks(np.arange(len(waves)))
+    axes[0].set_xlabel("wave")
+    axes[0].set_ylabel("share of the choices that is left")
+    for k, one in enumerate(choices):
+        left = 0.0
+        for share in waves[-1].shares.get(one.name, []):
+            axes[1].barh(k, share, left=left, height=0.7, color=BLUE, alpha=0.25 + 0.75 * share, ec="white", lw=0.8)
+            left += share
+    axes[1].set_yticks(np.arange(len(choices)), [in_words(one.name) for one in choices], fontsize=6.5)
+    axes[1].set_ylim(len(choices) - 0.4, -0.6)
+    axes[1].set_xlabel("values among what is left, in their order")
+    axes[1].grid(visible=False)
+    return figure

@@ -1,0 +1,293 @@
+"""Choices: what is doubted about a paper, with the alternatives that each doubt admits.
+
+A choice is an erratum (printed or corrected), something that the paper withholds, a misprint that is searched apart, or
+a numerical setting that the paper leaves open. It names the inputs that each of its values sets:
+
+    choices:
+      initial_descent:
+        asks: Does the vehicle start upwards or downwards?
+        because: E5
+        values:
+          printed: {entry: {initial_velocity_angle_deg: {value: 70.0, source: Eq. 51}}}
+          corrected: {entry: {initial_velocity_angle_deg: {value: 110.0, source: "assumed: descending"}}}
+      density_variance_factor:
+        asks: How large is the density variation?
+        because: withheld
+        entered: after a result had shown its effect
+        range: {input: air.variance_at_top, factor: [0.5, 4.0], scale: log}
+
+An assignment gives some choices a value: the name of an alternative, or a number of the range. It is applied to the
+inputs of the reading `corrected`; a choice that it leaves out stays as it is there.
+"""
+
+import math
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from marsedl.replication.errors import InputError, nearest, shown
+from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.sections import Inputs
+from marsedl.replication.inputs.sources import Source, in_si, inputs_set
+from marsedl.replication.inputs.written import WrittenRange
+
+ERRATUM, WITHHELD, MISPRINT, SETTING = "erratum", "withheld", "misprint", "setting"
+Value = str | float  # of a choice: the name of an alternative, or a number of its range
+Assignment = Mapping[str, Value]
+Sources = Mapping[str, Source]  # inputs by "section.name"
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that an input may take."""
+
+    input: str
+    component: int | None
+    low: float
+    high: float
+    is_factor: bool
+    scale: str
+    key: str  # as it is written in a file
+    to_si: float
+    source: str
+
+    def at(self, share: float) -> float:
+        """Return the number at a share (0 to 1) of the range, in the unit in which it is written."""
+        if self.scale == "log":
+            return self.low * (self.high / self.low) ** share
+        return self.low + share * (self.high - self.low)
+
+    def share(self, number: float) -> float:
+        """Return the share of the range at which a number lies."""
+        if self.scale == "log":
+            return math.log(number / self.low) / math.log(self.high / self.low)
+        return (number - self.low) / (self.high - self.low)
+
+    def applied(self, source: Source, number: float, choice: str) -> Source:
+        """Return the input with a number of the range."""
+        entries = np.array(source.value, dtype=float)
+        at = () if self.component is None else (self.component,)
+        entries[at] = entries[at] * number if self.is_factor else number * self.to_si
+        return replace(source, written=number, source=self.source, reading=choice, value=entries.tolist())
+
+    def of(self, value: object) -> float:
+        """Return the number at which an input has a value in SI, or 1 if the numbers are factors."""
+        if self.is_factor:
+            return 1.0
+        entries = np.array(value, dtype=float)
+        return float(entries[() if self.component is None else self.component]) / self.to_si
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One doubt about a paper.
+
+    `alternatives` are the values by name, empty if there is a `range`; those `apart` are not combined with others.
+    `entered` says when the choice was entered, if that was after results had been seen. `corrected` and `printed` are
+    its values in these readings; None if a reading has none of them.
+    """
+
+    name: str
+    asks: str
+    because: str
+    entered: str
+    only_if: Mapping[str, list[str]]
+    alternatives: Mapping[str, Sources]
+    range: Range | None
+    apart: tuple[str, ...] = ()
+    corrected: Value | None = None
+    printed: Value | None = None
+
+    @property
+    def kind(self) -> str:
+        """Whether it is an erratum, withheld, a misprint, or a setting."""
+        first = self.because.split()[0].strip(":,.")
+        return first if first in (WITHHELD, MISPRINT, SETTING) else ERRATUM
+
+    @property
+    def erratum(self) -> str:
+        """The id of its erratum, or nothing."""
+        return self.because.split()[0].strip(":,.") if self.kind == ERRATUM else ""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The inputs that it sets."""
+        if self.range:
+            return (self.range.input,)
+        return tuple(dict.fromkeys(name for one in self.alternatives.values() for name in one))
+
+    def checked(self, value: object, where: str = "") -> Value:
+        """Return a value that the choice has; raises InputError with the nearest one otherwise."""
+        if self.range is None:
+            if value not in self.alternatives:
+                problem = f"{where}choice {self.name}: there is no value {shown(value)}"
+                raise InputError(f"{problem}; {nearest(str(value), self.alternatives)}")
+            return str(value)
+        try:
+            number = float(typing.cast(float, value))
+        except (TypeError, ValueError):
+            number = math.nan
+        if not self.range.low <= number <= self.range.high:
+            limits = f"{self.range.low:g} and {self.range.high:g}"
+            raise InputError(f"{where}choice {self.name}: {shown(value)} is not a number between {limits}")
+        return number
+
+    def applied(self, sources: Sources, value: Value) -> dict[str, Source]:
+        """Return inputs, by "section.name", with a value of the choice."""
+        if self.range is None:
+            return {**sources, **self.alternatives[str(value)]}
+        name = self.range.input
+        return {**sources, name: self.range.applied(sources[name], float(value), self.name)}
+
+    def value_in(self, sources: Sources, base: Sources) -> Value | None:
+        """Return the choice's value in a reading's inputs; None if they have none of its values.
+
+        base: the inputs of `corrected`, which an alternative has where it sets nothing.
+        """
+        if self.range:
+            number = self.range.of(sources[self.range.input].value)
+            return number if self.range.low <= number <= self.range.high else None
+        for name in self.alternatives:
+            if all(self.applied(base, name)[one].value == sources[one].value for one in self.inputs):
+                return name
+        return None
+
+
+@dataclass(frozen=True)
+class Choices:
+    """All choices of a paper, by name, and what makes a universe of them."""
+
+    by_name: Mapping[str, Choice] = field(default_factory=dict)
+
+    def __iter__(self):
+        """Iterate over the choices in the order of the file."""
+        return iter(self.by_name.values())
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.by_name)
+
+    def placed(self, printed: Sources, corrected: Sources) -> "Choices":
+        """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
+        return Choices(
+            {
+                one.name: replace(
+                    one, corrected=one.value_in(corrected, corrected), printed=one.value_in(printed, corrected)
+                )
+                for one in self
+            }
+        )
+
+    def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
+        """Return an assignment in the order of the choices; raises InputError for an unknown choice or value."""
+        where = f"{place}: " if place else ""
+        for name in assignment:
+            if name not in self.by_name:
+                raise InputError(f"{where}there is no choice {shown(name)}; {nearest(name, self.by_name)}")
+        return {one.name: one.checked(assignment[one.name], where) for one in self if one.name in assignment}
+
+    def complete(self, assignment: Assignment) -> dict[str, Value | None]:
+        """Return the value of every choice; one that an assignment leaves out, or that does not apply, is corrected's.
+
+        Raises InputError as `checked` does.
+        """
+        given = self.checked(assignment)
+        values = {one.name: given.get(one.name, one.corrected) for one in self}
+        for one in self:
+            if any(values[other] not in those for other, those in one.only_if.items()):
+                values[one.name] = one.corrected
+        return values
+
+    def applied(self, sources: Sources, assignment: Mapping[str, object]) -> dict[str, Source]:
+        """Return the inputs of `corrected`, by "section.name", as an assignment changes them.
+
+        Factors come last, on what other choices set.
+        """
+        complete = self.complete(self.checked(assignment))
+        changed = [one for one in self if complete[one.name] != one.corrected]
+        for one in sorted(changed, key=lambda one: one.range is not None):
+            sources = one.applied(sources, complete[one.name])
+        return dict(sources)
+
+
+def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Place) -> Choices:
+    """Return the choices of a paper from what is written.
+
+    Args:
+        written: `written_choices` of the model.
+        model: the paper's typed inputs.
+        place: where they are written.
+
+    Raises:
+        InputError: one message with file, line, key, what is wrong and the remedy.
+
+    """
+    found = {name: _choice(name, one, model, place / name) for name, one in written.items()}
+    setters: dict[str, Choice] = {}
+    for one in found.values():
+        for other, those in one.only_if.items():
+            at = place / one.name / "only_if"
+            if other not in found:
+                raise InputError(f"{at}: there is no choice {shown(other)}; {nearest(other, found)}")
+            for value in those:
+                if value not in (names := found[other].alternatives):
+                    raise InputError(f"{at}: {other} has no value {shown(value)}; {nearest(value, names)}")
+        for value in one.apart:
+            if value not in one.alternatives:
+                at = place / one.name / "apart"
+                raise InputError(f"{at}: there is no value {shown(value)}; {nearest(value, one.alternatives)}")
+        for name in one.inputs if not (one.range and one.range.is_factor) else ():
+            key = f"{name}[{one.range.component}]" if one.range and one.range.component is not None else name
+            if key in setters and setters[key].name not in one.only_if and one.name not in setters[key].only_if:
+                raise InputError(f"{place / one.name}: {key} is set by the choice '{setters[key].name}' too; join them")
+            setters[key] = one
+    return Choices(found)
+
+
+def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -> Choice:
+    if bool(written.values) == (written.range is not None):
+        raise InputError(f"{place}: give either 'values' or 'range'")
+    if written.values and len(written.values) < 2:
+        raise InputError(f"{place / 'values'}: a choice needs at least two values")
+    alternatives = {
+        value: {
+            key: source
+            for section, of in model.sections().items()
+            for key, source in inputs_set(section, of, getattr(body, section), name, place / "values" / value).items()
+        }
+        for value, body in written.values.items()
+    }
+    limits = _range(written.range, model, place / "range") if written.range else None
+    return Choice(
+        name,
+        written.asks,
+        written.because,
+        written.entered,
+        written.only_if,
+        alternatives,
+        limits,
+        tuple(written.apart),
+    )
+
+
+def source_of_key(model: type[Inputs], key: str, value: object, place: object = "universe") -> tuple[str, Source]:
+    """Return the input "section.name" that a key "section.key" sets, and its source.
+
+    Raises InputError naming the place and the nearest key.
+    """
+    keys = {f"{name}.{one}": (name, found) for name, of in model.sections().items() for one, found in of.keys().items()}
+    if key not in keys:
+        raise InputError(f"{place}: there is no input {shown(key)}; {nearest(key, keys)}")
+    section, (target, factor, unit) = keys[key]
+    written = key.partition(".")[2]
+    return f"{section}.{target}", Source(written, value, unit, "given by hand", str(place), in_si(value, factor))
+
+
+def _range(written: WrittenRange, model: type[Inputs], place: Place) -> Range:
+    name, source = source_of_key(model, written.input, 1.0, place / "input")
+    low, high = written.between or written.factor
+    is_factor = written.factor is not None
+    to_si = typing.cast(float, source.value)
+    return Range(name, written.component, low, high, is_factor, written.scale, source.key, to_si, written.source)

@@ -1,0 +1,1 @@
+"""Universes: a paper under all admissible answers to what is doubted about it, and what decides its claims."""

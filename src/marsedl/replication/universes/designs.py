@@ -1,0 +1,147 @@
+"""Designs: which universes are computed, numbered and the same on every machine.
+
+A universe assigns a value to some choices; those that it leaves out are as in `corrected`. Universe 0 is `corrected`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs.choices import MISPRINT, Assignment, Choice, Choices
+
+ONE_AT_A_TIME, SPACE_FILLING, WAVE = "one_at_a_time", "space_filling", "wave"
+DESIGNS = (ONE_AT_A_TIME, SPACE_FILLING, WAVE)
+SEED = 20261127  # of the scrambling; any number serves
+RANGE_POINTS = (0.0, 0.5, 1.0)  # of a range, in a design of one at a time
+
+
+@dataclass(frozen=True)
+class Universe:
+    """A numbered assignment of choices.
+
+    `seed` numbers the random streams, 0 those of the reading `corrected`. `inputs` are further ones by "section.key",
+    as they are written in a configuration.
+    """
+
+    number: int
+    design: str
+    assignment: Assignment
+    seed: int = 0
+    inputs: Mapping[str, object] = field(default_factory=dict)
+
+
+def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[Universe]:
+    """Return `corrected`, and every value of every choice beside it, by itself.
+
+    names: the choices that are varied; all unless given. A choice that needs others (`only_if`) is varied with these.
+    """
+    assignments: list[dict] = [{}]
+    for choice in choices:
+        if names is not None and choice.name not in names:
+            continue
+        needed = {
+            name: those[0] for name, those in choice.only_if.items() if choices.by_name[name].corrected not in those
+        }
+        assignments += [{**needed, choice.name: value} for value in values_of(choice) if value != choice.corrected]
+    return [Universe(number, ONE_AT_A_TIME, one) for number, one in enumerate(assignments)]
+
+
+def values_of(choice: Choice) -> list:
+    """Return the values of a choice that a design of one at a time takes."""
+    if choice.range is None:
+        return list(choice.alternatives)
+    return [choice.range.at(share) for share in RANGE_POINTS]
+
+
+FIRST = 1000  # number of the first universe of the space-filling design
+
+
+def numbered(choices: Choices, number: int) -> Universe:
+    """Return a universe by its number: below 1000 one at a time, from there on space filling.
+
+    Raises InputError for a number that no design has.
+    """
+    alone = one_at_a_time(choices)
+    if 0 <= number < len(alone):
+        return alone[number]
+    if number < FIRST:
+        raise InputError(f"universe {number}: give a number from 0 to {len(alone) - 1}, or from {FIRST} on")
+    return space_filling(choices, number - FIRST + 1)[-1]
+
+
+def varied(choices: Choices, *, apart: bool = False) -> list[Choice]:
+    """Return the choices that are combined: those with several values, without misprints unless asked for."""
+    combined = [one for one in choices if apart or one.kind != MISPRINT]
+    return [one for one in combined if one.range or len(combined_values(one, apart=apart)) > 1]
+
+
+def combined_values(choice: Choice, *, apart: bool = False) -> list[str]:
+    """Return the alternatives of a choice that are combined with others."""
+    return [name for name in choice.alternatives if apart or name not in choice.apart]
+
+
+def space_filling(choices: Choices, count: int, first: int = FIRST, *, apart: bool = False) -> list[Universe]:
+    """Return points of a scrambled Sobol sequence over all choices.
+
+    A longer design begins with the shorter one.
+
+    Args:
+        choices: of the paper.
+        count: how many points; powers of two fill the space evenly.
+        first: the number of the first universe.
+        apart: whether misprints, and values that stand apart, are varied as well.
+
+    """
+    combined = varied(choices, apart=apart)
+    return [
+        Universe(first + number, SPACE_FILLING, assignment_at(choices, combined, point, apart=apart))
+        for number, point in enumerate(sobol(len(combined), count))
+    ]
+
+
+def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
+    """Return the first points of a scrambled Sobol sequence (count, dimensions), each number from 0 to 1."""
+    from scipy.stats import qmc
+
+    if not dimensions:
+        return np.zeros((count, 0))
+    sequence = qmc.Sobol(dimensions, scramble=True, seed=seed)
+    return sequence.random_base2(max(math.ceil(math.log2(max(count, 1))), 0))[:count]
+
+
+def assignment_at(
+    choices: Choices, combined: Sequence[Choice], shares: Sequence[float], *, apart: bool = False
+) -> dict:
+    """Return the assignment at a point of the unit cube; values that do not apply are left out."""
+    drawn = {one.name: value_at(one, float(share), apart=apart) for one, share in zip(combined, shares, strict=True)}
+    return {name: value for name, value in choices.complete(drawn).items() if value != choices.by_name[name].corrected}
+
+
+def value_at(choice: Choice, share: float, *, apart: bool = False) -> str | float:
+    """Return the value of a choice at a share of its range, or of its alternatives in equal parts."""
+    if choice.range is not None:
+        return choice.range.at(share)
+    names = combined_values(choice, apart=apart)
+    return names[min(int(share * len(names)), len(names) - 1)]
+
+
+def redrawn(choices: Choices, universe: Universe, names: Sequence[str], attempt: int) -> Universe:
+    """Return a universe with some of its choices drawn again; the draws depend on its number and the attempt alone."""
+    key = np.array([universe.number, attempt], dtype=np.uint64)
+    shares = np.random.Generator(np.random.Philox(key=key)).random(len(names))
+    drawn = assignment_at(choices, [choices.by_name[name] for name in names], shares)
+    kept = {name: value for name, value in universe.assignment.items() if name not in names}
+    return replace(universe, assignment={**kept, **drawn})
+
+
+def design(choices: Choices, count: int, names: Sequence[str] | None = None) -> list[Universe]:
+    """Return the universes of a table: one at a time (of some choices), then so many that fill the space."""
+    return [*one_at_a_time(choices, names), *space_filling(choices, count)]
+
+
+def part(universes: Sequence[Universe], chunk: int, chunks: int) -> list[Universe]:
+    """Return one of so many chunks of universes, which are dealt out in turn: each has as many of each design."""
+    return list(universes[chunk::chunks])

@@ -1,0 +1,314 @@
+"""The table of universes of a paper: what every claim gives in each of them.
+
+One artifact holds it, written by jobs that compute chunks of universes in one process. A universe without a result is
+kept with the class of its failure and a sentence; it never counts as a verdict.
+"""
+
+import contextlib
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from marsedl.replication.claims.claim import MEASURED, Result
+from marsedl.replication.claims.numbers import broadcast, flatten, is_number
+from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
+from marsedl.replication.claims.thresholds import SIGMAS
+from marsedl.replication.claims.verdicts import Evaluation, judge
+from marsedl.replication.claims.writing import Claims, claims_of
+from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.choices import Choices
+from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.readings import Study, load_study
+from marsedl.replication.inputs.sections import Inputs, by_section
+from marsedl.replication.pipeline.catalogue import Paper, constraint_of
+from marsedl.replication.pipeline.injection import Arguments, Missing
+from marsedl.replication.pipeline.runner import Memory, Run
+from marsedl.replication.pipeline.staleness import BENCHMARKS
+from marsedl.replication.records.fields import quantities, quantity, record
+from marsedl.replication.sizes import FULL
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
+
+VERDICTS = ("none", "reproduced", "close", "differs", "holds", "fails", "undetermined", "by_construction")
+# Why there is no verdict: it has one; the claim asks for what this universe does not have; four classes of failure.
+CAUSES = ("result", "not_asked", "inadmissible", "infeasible", "refused", "numerical")
+EVALUATED = (*MEASURED, "qualitative")  # kinds of claims
+
+
+@record
+class Universes:
+    """What every claim of a paper gives in every universe."""
+
+    number: np.ndarray = quantity("1", ("universe",), "number of the universe", int)
+    design: np.ndarray = quantity("1", ("universe",), "place in `DESIGNS` of the design that it belongs to", "int8")
+    seed: np.ndarray = quantity("1", ("universe",), "number of its random streams; 0: those of corrected", int)
+    assignment: np.ndarray = quantity(
+        "1", ("universe", "choice"), "value of each choice: the place of the alternative, or the number", allow_nan=True
+    )
+    tries: np.ndarray = quantity("1", ("universe",), "draws until it was admissible; 0: none were needed", int)
+    sentence: np.ndarray = quantity("1", ("universe",), "why it has no result, or not of all claims", str)
+    choice: np.ndarray = quantity("1", ("choice",), "names of the choices", str)
+    claim: np.ndarray = quantity("1", ("claim",), "ids of the claims", str)
+    verdict: np.ndarray = quantity("1", ("universe", "claim"), "place of the verdict in `VERDICTS`", "int8")
+    cause: np.ndarray = quantity("1", ("universe", "claim"), "place in `CAUSES` of why there is no verdict", "int8")
+    component: np.ndarray = quantity("1", ("component",), "claim and component, as in tab4_p99[1]", str)
+    value: np.ndarray = quantity(
+        "1",
+        ("universe", "component"),
+        "number of the claim, or of what decides a statement, in its unit",
+        allow_nan=True,
+    )
+    error: np.ndarray = quantity("1", ("universe", "component"), "its standard error", allow_nan=True)
+    limit: np.ndarray = quantity(
+        "1", ("universe", "component"), "limit that decides a statement; what is printed of a number", allow_nan=True
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one claim gives in one universe."""
+
+    cause: str
+    verdict: str = "none"
+    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] | None = None  # value, error and limit by component
+    evaluation: Evaluation | None = None
+    sentence: str = ""
+
+
+class Evaluator:
+    """Evaluates the claims of a paper in universes, with the records that these share kept in memory."""
+
+    def __init__(self, paper: Paper, study: Study, claims: Claims, published: Sequence[PublishedClaim], **further):
+        """Take the paper's catalogue, its study at the size that is built, its claims and what it prints.
+
+        further: what claims ask for beside artifacts, such as `measured`.
+        """
+        self.paper, self.study, self.claims, self.further = paper, study, claims, further
+        self.published = {one.id: one for one in published}
+        self.memory = Memory()
+        # Stages that claims use in some readings only are studies of these.
+        self.without = frozenset(name for name, stage in paper.stages.items() if stage.claimed_in)
+
+    @classmethod
+    def of(cls, paper: Paper, model: type[Inputs], root: Path, size: str = FULL) -> "Evaluator":
+        """Return what evaluates a paper of the project in a folder, at a size; model: its typed inputs."""
+        published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
+        further = {"measured": load_measured(root / BENCHMARKS, paper.slug)} if paper.measured else {}
+        return cls(paper, load_study(paper.slug, model, root, size), claims_of(paper.slug), published, **further)
+
+    def limit_trials(self, most: int) -> None:
+        """Let no Monte Carlo case of a universe fly more trials."""
+        sections = by_section(dict.fromkeys(self.study.readings[CORRECTED].inputs.CASES.values(), float(most)))
+        self.study = replace(self.study, limits=(*self.study.limits, (sections, Place("--trials"))))
+
+    @property
+    def asked(self) -> list[str]:
+        """The ids of the claims that are evaluated: those with numbers or statements that a function measures."""
+        return [
+            name for name, one in self.published.items() if one.kind in EVALUATED and name in self.claims.declarations
+        ]
+
+    def admitted(self, universe: Universe) -> tuple[Universe, Run, int]:
+        """Return a universe, its run and how often some of its choices were drawn again until it was admissible.
+
+        A universe that varies such a choice by itself is taken as it is; one that keeps an erratum by itself is not
+        held to the constraint, as it asks what the erratum changes. Raises InadmissibleError if no draw is admissible.
+        """
+        names = self.study.universes.redrawn
+        if universe.design == ONE_AT_A_TIME:
+            varied = [self.study.choices.by_name[name] for name in universe.assignment]
+            if all(one.erratum for one in varied):
+                return universe, self.run(universe, constrained=False), 0
+            names = () if any(one.name in names for one in varied) else names
+        for attempt in range(self.study.universes.tries if names else 0):
+            one = redrawn(self.study.choices, universe, names, attempt) if attempt else universe
+            with contextlib.suppress(InadmissibleError):
+                return one, self.run(one), attempt
+        return universe, self.run(universe), 0
+
+    def run(self, universe: Universe, *, constrained: bool = True) -> Run:
+        """Return the run of a universe; raises InadmissibleError if it contradicts what is printed, or itself."""
+        try:
+            reading = self.study.universe(universe.assignment, universe.inputs, universe.seed)
+        except InputError as error:
+            raise InadmissibleError(str(error)) from None
+        run = Run.of(self.paper, reading.inputs, self.memory, self.without)
+        if constrained and (constraint := constraint_of(self.paper.slug)):
+            run.given().call(constraint)
+        return run
+
+    def row(self, universe: Universe) -> "Row":
+        """Return what all claims give in a universe, each by itself.
+
+        A stage that fails takes only the claims along that ask for what it makes.
+        """
+        try:
+            universe, run, tries = self.admitted(universe)
+            given = self.claims.asking(run.given(), self.published, **self.further)
+        except Exception as error:
+            return Row(universe, dict.fromkeys(self.asked, class_of(error)), 0)
+        outcomes = {name: self._outcome(name, given) for name in self.asked}
+        self.memory.let_go()
+        return Row(universe, outcomes, tries)
+
+    def _outcome(self, name: str, asked: Arguments) -> Outcome:
+        printed = self.published[name]
+        try:
+            evaluation = self.claims.evaluate_one(name, asked)
+            result = judge(printed, evaluation, self.claims.declarations[name])
+        except Missing:
+            return Outcome("not_asked")
+        except Exception as error:
+            return class_of(error)
+        if result.verdict is None:
+            return Outcome("not_asked")
+        return Outcome("result", result.verdict, numbers_of(printed, evaluation, result), evaluation)
+
+
+class Row(NamedTuple):
+    """A universe, what every claim gives in it, and how often some of its choices were drawn again."""
+
+    universe: Universe
+    outcomes: Mapping[str, Outcome]
+    tries: int = 0
+
+
+def class_of(error: Exception) -> Outcome:
+    """Return the outcome of what a universe, or a stage, raises."""
+    classes = {
+        InadmissibleError: "inadmissible",
+        InfeasibleError: "infeasible",
+        SolverError: "numerical",
+        MarsedlError: "refused",
+    }
+    cause = next((name for kind, name in classes.items() if isinstance(error, kind)), "numerical")
+    text = str(error) if isinstance(error, MarsedlError) else f"{type(error).__name__}: {error}"
+    return Outcome(cause, sentence=" ".join(text.split()))
+
+
+def numbers_of(printed: PublishedClaim, evaluation: Evaluation, result: Result) -> dict:
+    """Return value, standard error and limit of each component; of a statement, those of what decides."""
+    if printed.kind == "qualitative":
+        margin = result.margin
+        return {(): (margin.value, margin.standard_error, margin.limit)} if margin else {}
+    values, wanted = flatten(evaluation.value), flatten(printed.printed)
+    errors = flatten(evaluation.standard_error) if evaluation.standard_error is not None else dict.fromkeys(values, 0.0)
+    return {
+        index: (values[index], errors[index], wanted[index])
+        for index in values
+        if is_number(values[index]) and is_number(wanted[index])
+    }
+
+
+def components_of(printed: PublishedClaim) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the names and indices of the numbers of a claim, counted from 1 in the names."""
+    if printed.kind == "qualitative":
+        return [(printed.id, ())]
+    return [(printed.id + "".join(f"[{i + 1}]" for i in index), index) for index in flatten(printed.printed)]
+
+
+def half_digit(printed: PublishedClaim, index: tuple[int, ...]) -> float:
+    """Return half of the last printed digit of a number; 0 if none is printed."""
+    if printed.resolution is None:
+        return 0.0
+    return 0.5 * broadcast(printed.resolution, flatten(printed.printed))[index]
+
+
+def size_of_change(before: tuple[float, float, float], after: tuple[float, float, float], half: float) -> float:
+    """Return how large a change is against what noise and rounding could explain; NaN without two numbers.
+
+    That is three standard errors and half a printed digit; of what has neither, its distance from its limit.
+
+    Args:
+        before, after: value, standard error and limit, as in `Universes`.
+        half: half of the last printed digit.
+
+    """
+    difference = abs(after[0] - before[0])
+    noise = SIGMAS * math.hypot(*np.nan_to_num([before[1], after[1]])) + half or abs(before[0] - before[2])
+    if not math.isfinite(difference) or difference == 0.0:
+        return difference if difference == 0.0 else math.nan
+    return difference / noise if noise > 0.0 else math.inf
+
+
+def tabulated(evaluator: Evaluator, universes: Sequence[Universe], title: str = "") -> Universes:
+    """Compute universes and return their table; with a title, every tenth is told on standard error."""
+    rows = []
+    for universe in universes:
+        rows.append(evaluator.row(universe))
+        if title and len(rows) % 10 == 0:
+            print(f"{title}: {len(rows)} of {len(universes)} universes", file=sys.stderr)
+    return table_of(evaluator, rows)
+
+
+def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
+    """Return the table of universes that were evaluated."""
+    choices, asked = evaluator.study.choices, evaluator.asked
+    components = [(name, *part) for name in asked for part in components_of(evaluator.published[name])]
+    numbers = np.full((3, len(rows), len(components)), np.nan)
+    for at, (_, outcomes, _) in enumerate(rows):
+        for place, (name, _, index) in enumerate(components):
+            if (found := outcomes[name].numbers) and index in found:
+                numbers[:, at, place] = _finite(found[index])
+    return Universes(
+        number=np.array([universe.number for universe, _, _ in rows], dtype=np.int64),
+        design=np.array([DESIGNS.index(universe.design) for universe, _, _ in rows], dtype=np.int8),
+        seed=np.array([universe.seed for universe, _, _ in rows], dtype=np.int64),
+        assignment=np.array([coded(choices, universe) for universe, _, _ in rows]).reshape(len(rows), len(choices)),
+        tries=np.array([tries for _, _, tries in rows], dtype=np.int64),
+        sentence=np.array([_sentence(outcomes) for _, outcomes, _ in rows], dtype=str),
+        choice=np.array([choice.name for choice in choices], dtype=str),
+        claim=np.array(asked, dtype=str),
+        verdict=np.array(
+            [[VERDICTS.index(outcomes[name].verdict) for name in asked] for _, outcomes, _ in rows], dtype=np.int8
+        ).reshape(len(rows), len(asked)),
+        cause=np.array(
+            [[CAUSES.index(outcomes[name].cause) for name in asked] for _, outcomes, _ in rows], dtype=np.int8
+        ).reshape(len(rows), len(asked)),
+        component=np.array([label for _, label, _ in components], dtype=str),
+        value=numbers[0],
+        error=numbers[1],
+        limit=numbers[2],
+    )
+
+
+def gathered(chunks: Sequence[Universes]) -> Universes:
+    """Return the table of all universes of several, in the order of their numbers."""
+    order = np.argsort(np.concatenate([chunk.number for chunk in chunks]), kind="stable")
+    shared = ("choice", "claim", "component")
+    along = [name for name in quantities(Universes) if name not in shared]
+    joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks])[order] for name in along}
+    return Universes(**joined, **{name: getattr(chunks[0], name) for name in shared})
+
+
+def coded(choices: Choices, universe: Universe) -> list[float]:
+    """Return the value of every choice as a number: the place of the alternative, or the number of a range."""
+    complete = choices.complete(universe.assignment)
+    return [
+        np.nan if (value := complete[one.name]) is None
+        else float(value) if one.range else float(list(one.alternatives).index(value))
+        for one in choices
+    ]  # fmt: skip
+
+
+def decoded(choices: Choices, row: Sequence[float]) -> dict[str, Any]:
+    """Return the assignment of a row of the table."""
+    return {
+        one.name: float(number) if one.range else list(one.alternatives)[int(number)]
+        for one, number in zip(choices, row, strict=True)
+        if np.isfinite(number)
+    }
+
+
+def _sentence(outcomes: Mapping[str, Outcome]) -> str:
+    """The sentences of what fails, each once."""
+    return "; ".join(dict.fromkeys(one.sentence for one in outcomes.values() if one.sentence))
+
+
+def _finite(numbers: Iterable[Any]) -> list[float]:
+    return [float(number) if number is not None and np.isfinite(number) else np.nan for number in numbers]

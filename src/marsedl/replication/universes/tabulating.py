@@ -1,0 +1,83 @@
+"""Tables of what universes say of a paper's claims."""
+
+import math
+from typing import TYPE_CHECKING
+
+from marsedl.replication.records.tables import Column, table
+from marsedl.replication.universes.judging import Judge, cause_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def claims_table(judge: Judge) -> "pd.DataFrame":
+    """Return a row for each claim: its value in `corrected`, how often it is true, and what decides."""
+    rows = []
+    for name in map(str, judge.table.claim):
+        one = judge.judged(name)
+        cause, near = cause_of(one), one.nearest
+        rows.append(
+            (
+                *(name, one.component, one.verdict, one.stands, ", ".join(one.on)),
+                *map(_or_none, (one.number, one.error or math.nan, one.printed)),
+                *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
+                *map(_or_none, (one.over_results.value, one.over_results.low, one.over_results.high)),
+                *((_or_none(near.number), near.universe) if near else (None, None)),
+                _or_none(one.noise),
+                f"{cause.choice}: {cause.value}" if cause else "",
+            )
+        )
+    return table(
+        rows,
+        {
+            "claim": Column(),
+            "component": Column(meaning="the number of it that decides"),
+            "verdict": Column(meaning="in corrected, at the numbers of trials of universes"),
+            "stands": Column(meaning="robust, never, undecided, or depends on choices"),
+            "on": Column(meaning="the choices that it depends on, those that turn it by themselves first"),
+            "value": Column(error="error"),
+            "error": Column(meaning="standard error of the value"),
+            "printed": Column(meaning="what is printed, or the limit of a statement"),
+            "true": Column(meaning="space-filling universes in which it reproduces or holds"),
+            "universes": Column(meaning="of the space-filling design"),
+            "with a result": Column(meaning="of these"),
+            "undetermined": Column(meaning="of these"),
+            "share": Column(digits=".2f", interval=("lower", "upper"), meaning="true of those with a result"),
+            "lower": Column(digits=".2f", meaning="of the Wilson interval of the share at 95 %"),
+            "upper": Column(digits=".2f", meaning="of the same interval"),
+            "nearest": Column(meaning="the value nearest to what is printed that any universe attains"),
+            "its universe": Column(),
+            "noise": Column(digits=".2f", meaning="share of the variance over universes that is sampling error"),
+            "cause": Column(meaning="the value of a choice with the largest effect towards what is printed"),
+        },
+    )
+
+
+def effects_table(judge: Judge) -> "pd.DataFrame":
+    """Return a row for each value of each choice, by itself, and each claim that it changes."""
+    rows = []
+    for name in map(str, judge.table.claim):
+        before = judge.verdict(name)
+        for one in judge.effects(name):
+            if one.counts or one.verdict != before:
+                numbers = map(_or_none, (one.number, one.difference, one.size))
+                verdict = one.verdict if one.cause == "result" else one.cause
+                rows.append((name, one.choice, str(one.value), one.universe, verdict, *numbers, one.towards))
+    return table(
+        rows,
+        {
+            "claim": Column(),
+            "choice": Column(),
+            "its value": Column(),
+            "universe": Column(),
+            "verdict": Column(meaning="or why there is none"),
+            "number": Column(meaning="of the component that decides in corrected"),
+            "difference": Column(meaning="from corrected"),
+            "size": Column(digits=".3g", meaning="of the difference, in what noise and rounding could explain"),
+            "towards": Column(meaning="whether it is towards what is printed"),
+        },
+    )
+
+
+def _or_none(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None

@@ -1,0 +1,230 @@
+"""Can all headlines of a paper be true at once? History matching in waves.
+
+A universe is implausible if some headline lies further from what is printed than three standard deviations of what our
+sampling, the paper's own sampling and the emulator leave open, beyond half a printed digit. Every wave fits an emulator
+of each headline to the universes computed so far, rules out what is implausible, and computes more universes in what is
+left, until nothing more is ruled out.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.thresholds import SIGMAS
+from marsedl.replication.inputs.choices import Choice, Choices
+from marsedl.replication.universes.designs import SEED, WAVE, Universe, assignment_at, combined_values, sobol, varied
+from marsedl.replication.universes.judging import REFUTED
+from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit
+
+CANDIDATES = 8192
+RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with the smallest error of what is left out
+
+
+@dataclass(frozen=True)
+class Wave:
+    """What one wave ruled out.
+
+    `volume` is the share of the candidates that is left, `computed` the universes that the emulators rest on, `nearest`
+    the least implausibility that a computed universe has, and `its` the number of that universe. `shares` are those of
+    the values of each choice among what is left (a range in four equal parts); `contradicting` are the fewest headlines
+    that no candidate fulfils together, if none is left.
+    """
+
+    volume: float
+    computed: int
+    nearest: float
+    its: int
+    shares: dict[str, list[float]]
+    contradicting: tuple[str, ...]
+
+
+class Matching:
+    """History matching of a paper's headlines."""
+
+    def __init__(self, choices: Choices, published: Sequence[PublishedClaim]):
+        """Take the choices, of which misprints are not varied, and what the paper prints."""
+        self.choices = choices
+        self.varied = varied(choices)
+        self.headlines = sorted((one for one in published if one.headline), key=lambda one: one.headline)
+
+    def measured(self, table: Universes) -> dict[str, np.ndarray]:
+        """Return how far each headline is from being true in each universe, with its standard deviation.
+
+        It is an array (2, universe) by component: what is missing, 0 if it is true, beyond half a printed digit; NaN
+        without a result.
+        """
+        found = {}
+        for claim in self.headlines:
+            places = np.flatnonzero(table.claim == claim.id)
+            if not len(places):
+                continue
+            verdicts = np.array(VERDICTS)[table.verdict[:, places[0]]]
+            for label, index in components_of(claim):
+                at = int(np.flatnonzero(table.component == label)[0])
+                distance = table.value[:, at] - table.limit[:, at]
+                half = half_digit(claim, index)
+                deviation = np.nan_to_num(table.error[:, at])
+                if claim.kind == "qualitative":  # positive where the statement fails
+                    distance = np.where(np.isin(verdicts, REFUTED), 1.0, -1.0) * np.abs(distance)
+                    distance = np.where(verdicts == "none", np.nan, distance)
+                elif claim.kind == "monte_carlo":
+                    deviation = deviation * self.paper_factor(claim)
+                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
+        return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
+
+    @staticmethod
+    def paper_factor(claim: PublishedClaim, trials: float = 2000.0) -> float:
+        """Return by how much the paper's own sampling error makes ours larger; trials: of a universe."""
+        return math.sqrt(1.0 + trials / claim.trials) if claim.trials else 1.0
+
+    def implausibility(self, table: Universes) -> np.ndarray:
+        """Return the largest standardized distance of a headline in each universe; NaN without all results."""
+        rows = [_standardized(*one, one_sided=self._is_statement(name)) for name, one in self.measured(table).items()]
+        return np.max(rows, axis=0) if rows else np.full(len(table.number), np.nan)
+
+    def _is_statement(self, label: str) -> bool:
+        return next(one.kind for one in self.headlines if one.id == label.partition("[")[0]) == "qualitative"
+
+    def wave(self, table: Universes, number: int) -> tuple[Wave, np.ndarray]:
+        """Return what the universes of a table rule out, and the candidates that are left, as points (count, varied).
+
+        number: of the wave, which has candidates of its own.
+        """
+        candidates = sobol(len(self.varied), CANDIDATES, SEED + 1 + number)
+        points = self._points(table)
+        among = np.isfinite(points).all(axis=1)
+        features = _features(self.varied, np.nan_to_num(points))
+        wanted = _features(self.varied, candidates)
+        distances = {}
+        for label, (missing, deviation) in self.measured(table).items():
+            use = among & np.isfinite(missing)
+            mean, error = emulated(features[use], missing[use], wanted)
+            spread = np.hypot(error, np.median(deviation[use]))
+            distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
+        worst = np.max(list(distances.values()), axis=0) if distances else np.zeros(CANDIDATES)
+        left = candidates[worst < SIGMAS]
+        own = self.implausibility(table)
+        best = int(np.nanargmin(own)) if np.isfinite(own).any() else -1
+        wave = Wave(
+            volume=len(left) / CANDIDATES,
+            computed=len(table.number),
+            nearest=float(own[best]) if best >= 0 else math.nan,
+            its=int(table.number[best]) if best >= 0 else -1,
+            shares={one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)},
+            contradicting=() if len(left) else self._contradicting(distances),
+        )
+        return wave, left
+
+    def next_universes(self, left: np.ndarray, count: int, first: int) -> list[Universe]:
+        """Return universes at the first of the points that are left, numbered from `first`."""
+        return [
+            Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point))
+            for k, point in enumerate(left[:count])
+        ]
+
+    def run(
+        self, table: Universes, compute: Callable[[list[Universe]], Universes], join, count: int, most: int
+    ) -> tuple[list[Wave], Universes]:
+        """Return the waves, and the table with their universes.
+
+        Args:
+            table: universes that fill the space.
+            compute: computes universes.
+            join: joins tables.
+            count: universes of a wave.
+            most: waves at most.
+
+        """
+        waves: list[Wave] = []
+        while True:
+            wave, left = self.wave(table, len(waves))
+            waves.append(wave)
+            nothing_new = len(waves) > 1 and wave.volume > 0.9 * waves[-2].volume
+            if len(waves) > most or nothing_new or not len(left):
+                return waves, table
+            universes = self.next_universes(left, count, int(table.number.max()) + 1)
+            table = join([table, compute(universes)])
+
+    def _points(self, table: Universes) -> np.ndarray:
+        """Universes as points of the unit cube (universe, varied)."""
+        rows = [decoded(self.choices, row) for row in table.assignment]
+        return np.array([[_share(one, row.get(one.name)) for one in self.varied] for row in rows])
+
+    def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
+        """The fewest headlines, one or two, that no candidate fulfils together; else all."""
+        allowed = {label: distance < SIGMAS for label, distance in distances.items()}
+        for label, one in allowed.items():
+            if not one.any():
+                return (label,)
+        for first, one in allowed.items():
+            for second, other in allowed.items():
+                if first < second and not (one & other).any():
+                    return first, second
+        return tuple(allowed)
+
+
+def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return what a ridge regression predicts, and the standard deviation of what it misses when a point is left out.
+
+    Args:
+        features: of the points with values (count, n).
+        values: at these points (count,).
+        wanted: features of the points to predict (m, n).
+
+    """
+    mean, scale = values.mean(), values.std() or 1.0
+    u, s, vt = np.linalg.svd(features, full_matrices=False)
+    scaled = (values - mean) / scale
+    best = (math.inf, np.zeros(features.shape[1]))
+    for ridge in RIDGES:
+        shrunk = s * s / (s * s + ridge)
+        fitted = u @ (shrunk * (u.T @ scaled))
+        leverage = np.einsum("ij,j,ij->i", u, shrunk, u)
+        left_out = float(np.sqrt(np.mean(((scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)) ** 2)))
+        if left_out < best[0]:
+            best = left_out, vt.T @ ((s / (s * s + ridge)) * (u.T @ scaled))
+    return mean + scale * (wanted @ best[1]), scale * best[0]
+
+
+def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
+    """A constant, the values of each choice (of a range, its share and its square), and products of two choices."""
+    blocks = []
+    for k, one in enumerate(combined):
+        if one.range:
+            centred = 2.0 * points[:, k] - 1.0
+            blocks.append([centred, centred**2])
+        else:
+            count = len(combined_values(one))
+            blocks.append([(_part(points[:, k], count) == value) - 1.0 / count for value in range(count)])
+    products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
+    return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
+
+
+def _share(choice: Choice, value) -> float:
+    """A point of the unit interval at which a choice has a value; NaN for one that is not combined."""
+    if choice.range:
+        return math.nan if value is None else float(np.clip(choice.range.share(float(value)), 0.0, 1.0))
+    names = combined_values(choice)
+    return (names.index(value) + 0.5) / len(names) if value in names else math.nan
+
+
+def _shares(choice: Choice, points: np.ndarray) -> list[float]:
+    """Shares of the values of a choice among points; of a range, of its quarters."""
+    count = 4 if choice.range else len(combined_values(choice))
+    return (np.bincount(_part(points, count), minlength=count) / max(len(points), 1)).tolist()
+
+
+def _part(shares: np.ndarray, count: int) -> np.ndarray:
+    """In which of some equal parts of the unit interval shares lie."""
+    return np.minimum((shares * count).astype(int), count - 1)
+
+
+def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:
+    """Distances in standard deviations; a statement that holds has none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.where(distance == 0.0, 0.0, np.abs(distance) / deviation)
+    return np.where(distance <= 0.0, 0.0, size) if one_sided else size

@@ -1,0 +1,83 @@
+"""What moves if a choice, or an input, is another: `corrected` and one other universe, in memory."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from marsedl.replication.errors import InputError, shown
+from marsedl.replication.inputs.choices import Choices
+from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe
+from marsedl.replication.universes.table import Evaluator, Outcome, components_of, half_digit, size_of_change
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A number of a claim in `corrected` and in another universe; `size` is as `size_of_change` gives it."""
+
+    claim: str
+    component: str
+    before: float
+    after: float
+    error: float
+    verdict_before: str
+    verdict_after: str
+    size: float
+    sentence: str = ""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the verdict changes, or the number by more than its error."""
+        return self.verdict_before != self.verdict_after or self.size > 1.0
+
+
+def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object], dict[str, object]]:
+    """Return values of choices, and inputs by "section.key", from texts such as "noise_unit=newton".
+
+    Raises InputError for a text without a value, or one that names neither a choice nor an input.
+    """
+    assignment, inputs = {}, {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not value:
+            raise InputError(f"{shown(text)}: write NAME=VALUE, such as {next(iter(choices.by_name), 'a.b')}=...")
+        if "." in name:
+            inputs[name] = yaml.safe_load(value)
+        else:
+            assignment[name] = value
+    return choices.checked(assignment), inputs
+
+
+def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> list[Moved]:
+    """Return the numbers that move, those whose verdict changes first, then the largest.
+
+    Args:
+        evaluator: of the paper.
+        assignment: values of choices.
+        inputs: further inputs by "section.key", as they are written in a configuration.
+
+    Raises:
+        InputError: for an unknown choice, value or input, and for inputs that do not fit together.
+
+    """
+    before = evaluator.row(Universe(0, ONE_AT_A_TIME, {})).outcomes
+    changed = Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
+    evaluator.run(changed, constrained=False)  # what does not fit together is an error here
+    after = evaluator.row(changed).outcomes
+    moved = [
+        _moved(evaluator, name, label, index, before[name], after[name])
+        for name in evaluator.asked
+        for label, index in components_of(evaluator.published[name])
+    ]
+    counting = [one for one in moved if one.counts]
+    return sorted(counting, key=lambda one: (one.verdict_before == one.verdict_after, -np.nan_to_num(one.size)))
+
+
+def _moved(evaluator: Evaluator, name: str, label: str, index: tuple, before: Outcome, after: Outcome) -> Moved:
+    nothing = (math.nan, 0.0, math.nan)
+    old, new = ((one.numbers or {}).get(index, nothing) for one in (before, after))
+    size = size_of_change(old, new, half_digit(evaluator.published[name], index))
+    error = math.hypot(old[1] or 0.0, new[1] or 0.0)
+    return Moved(name, label, old[0], new[0], error, before.verdict, after.verdict, size, after.sentence)
