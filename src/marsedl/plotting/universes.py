@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
+from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
 from marsedl.replication.inputs.choices import Choice, Value
-from marsedl.replication.universes.judging import REFUTED, STANDING, Judge
+from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import VERDICTS
 from marsedl.replication.universes.waves import Matching, Wave
 
@@ -37,8 +38,8 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     )
     x = np.arange(len(order))
     groups = {
-        "reproduced or holds": np.isin(verdicts, STANDING),
-        "differs or fails": np.isin(verdicts, REFUTED),
+        "reproduced or holds": np.isin(verdicts, STANDING_VERDICTS),
+        "differs or fails": np.isin(verdicts, REFUTED_VERDICTS),
     }
     groups["undetermined"] = ~np.any(list(groups.values()), axis=0)
     for label, those in groups.items():
@@ -148,7 +149,9 @@ def heat_map(judge: Judge, claims: Sequence[str]):
 
 
 def _turns(before: str, after: str) -> bool:
-    return (before in STANDING and after in REFUTED) or (before in REFUTED and after in STANDING)
+    return (before in STANDING_VERDICTS and after in REFUTED_VERDICTS) or (
+        before in REFUTED_VERDICTS and after in STANDING_VERDICTS
+    )
 
 
 def pictures(judge: Judge) -> list:

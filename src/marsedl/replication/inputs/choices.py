@@ -49,7 +49,6 @@ class Range:
     high: float
     is_factor: bool
     scale: str
-    key: str  # as it is written in a file
     to_si: float
     source: str
 
@@ -171,13 +170,9 @@ class Choices:
 
     def placed(self, printed: Sources, corrected: Sources) -> "Choices":
         """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
+        values = {one.name: (one.value_in(corrected, corrected), one.value_in(printed, corrected)) for one in self}
         return Choices(
-            {
-                one.name: replace(
-                    one, corrected=one.value_in(corrected, corrected), printed=one.value_in(printed, corrected)
-                )
-                for one in self
-            }
+            {one.name: replace(one, corrected=values[one.name][0], printed=values[one.name][1]) for one in self}
         )
 
     def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
@@ -188,7 +183,7 @@ class Choices:
                 raise InputError(f"{where}there is no choice {shown(name)}; {nearest(name, self.by_name)}")
         return {one.name: one.checked(assignment[one.name], where) for one in self if one.name in assignment}
 
-    def complete(self, assignment: Assignment) -> dict[str, Value | None]:
+    def complete(self, assignment: Mapping[str, object]) -> dict[str, Value | None]:
         """Return the value of every choice; one that an assignment leaves out, or that does not apply, is corrected's.
 
         Raises InputError as `checked` does.
@@ -205,7 +200,7 @@ class Choices:
 
         Factors come last, on what other choices set.
         """
-        complete = self.complete(self.checked(assignment))
+        complete = self.complete(assignment)
         changed = [one for one in self if complete[one.name] != one.corrected]
         for one in sorted(changed, key=lambda one: one.range is not None):
             sources = one.applied(sources, complete[one.name])
@@ -260,16 +255,8 @@ def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -
         for value, body in written.values.items()
     }
     limits = _range(written.range, model, place / "range") if written.range else None
-    return Choice(
-        name,
-        written.asks,
-        written.because,
-        written.entered,
-        written.only_if,
-        alternatives,
-        limits,
-        tuple(written.apart),
-    )
+    about = written.asks, written.because, written.entered, written.only_if
+    return Choice(name, *about, alternatives, limits, tuple(written.apart))
 
 
 def source_of_key(model: type[Inputs], key: str, value: object, place: object = "universe") -> tuple[str, Source]:
@@ -290,4 +277,4 @@ def _range(written: WrittenRange, model: type[Inputs], place: Place) -> Range:
     low, high = written.between or written.factor
     is_factor = written.factor is not None
     to_si = typing.cast(float, source.value)
-    return Range(name, written.component, low, high, is_factor, written.scale, source.key, to_si, written.source)
+    return Range(name, written.component, low, high, is_factor, written.scale, to_si, written.source)

@@ -90,12 +90,11 @@ class Study:
         base = self.readings[CORRECTED]
         sources = self.choices.applied(base.sources, assignment)
         for key, value in inputs.items():
-            name, source = self.resolver.source(key, value)
+            name, source = source_of_key(type(base.inputs), key, value)
             sources[name] = source
         for name in [name for name in sources if name.endswith(".seed")]:
             sources[name] = replace(sources[name], value=sources[name].value + seed)
-        place = Place("universe")
-        made = self.resolver.inputs(sources, place)
+        made = self.resolver.inputs(sources, Place("universe"))
         reading = replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources)
         for limits, at in self.limits:
             reading = self.resolver.limited(reading, limits, at)
@@ -247,10 +246,6 @@ class _Resolver:
             except ValueError as error:
                 raise InputError(f"{place}: {error}") from None
         return self._model(**sections)
-
-    def source(self, key: str, value: object) -> tuple[str, Source]:
-        """Return the input that "section.key" sets, and its source; raises InputError naming the nearest key."""
-        return source_of_key(self._model, key, value)
 
     def limited(self, reading: Reading, limits: Mapping[str, Mapping[str, float]], place: Place) -> Reading:
         """Return a reading with no input, and no number in one, above its limit."""

@@ -72,19 +72,18 @@ def numbered(choices: Choices, number: int) -> Universe:
     return space_filling(choices, number - FIRST + 1)[-1]
 
 
-def varied(choices: Choices, *, apart: bool = False) -> list[Choice]:
-    """Return the choices that are combined: those with several values, without misprints unless asked for."""
-    combined = [one for one in choices if apart or one.kind != MISPRINT]
-    return [one for one in combined if one.range or len(combined_values(one, apart=apart)) > 1]
+def varied(choices: Choices) -> list[Choice]:
+    """Return the choices that are combined: those with several values, but no misprints."""
+    return [one for one in choices if one.kind != MISPRINT and (one.range or len(combined_values(one)) > 1)]
 
 
-def combined_values(choice: Choice, *, apart: bool = False) -> list[str]:
+def combined_values(choice: Choice) -> list[str]:
     """Return the alternatives of a choice that are combined with others."""
-    return [name for name in choice.alternatives if apart or name not in choice.apart]
+    return [name for name in choice.alternatives if name not in choice.apart]
 
 
-def space_filling(choices: Choices, count: int, first: int = FIRST, *, apart: bool = False) -> list[Universe]:
-    """Return points of a scrambled Sobol sequence over all choices.
+def space_filling(choices: Choices, count: int, first: int = FIRST) -> list[Universe]:
+    """Return points of a scrambled Sobol sequence over all choices that are combined.
 
     A longer design begins with the shorter one.
 
@@ -92,12 +91,11 @@ def space_filling(choices: Choices, count: int, first: int = FIRST, *, apart: bo
         choices: of the paper.
         count: how many points; powers of two fill the space evenly.
         first: the number of the first universe.
-        apart: whether misprints, and values that stand apart, are varied as well.
 
     """
-    combined = varied(choices, apart=apart)
+    combined = varied(choices)
     return [
-        Universe(first + number, SPACE_FILLING, assignment_at(choices, combined, point, apart=apart))
+        Universe(first + number, SPACE_FILLING, assignment_at(choices, combined, point))
         for number, point in enumerate(sobol(len(combined), count))
     ]
 
@@ -112,20 +110,23 @@ def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
     return sequence.random_base2(max(math.ceil(math.log2(max(count, 1))), 0))[:count]
 
 
-def assignment_at(
-    choices: Choices, combined: Sequence[Choice], shares: Sequence[float], *, apart: bool = False
-) -> dict:
+def assignment_at(choices: Choices, combined: Sequence[Choice], shares: Sequence[float]) -> dict:
     """Return the assignment at a point of the unit cube; values that do not apply are left out."""
-    drawn = {one.name: value_at(one, float(share), apart=apart) for one, share in zip(combined, shares, strict=True)}
+    drawn = {one.name: value_at(one, float(share)) for one, share in zip(combined, shares, strict=True)}
     return {name: value for name, value in choices.complete(drawn).items() if value != choices.by_name[name].corrected}
 
 
-def value_at(choice: Choice, share: float, *, apart: bool = False) -> str | float:
+def value_at(choice: Choice, share: float) -> str | float:
     """Return the value of a choice at a share of its range, or of its alternatives in equal parts."""
     if choice.range is not None:
         return choice.range.at(share)
-    names = combined_values(choice, apart=apart)
-    return names[min(int(share * len(names)), len(names) - 1)]
+    names = combined_values(choice)
+    return names[interval_of(share, len(names))]
+
+
+def interval_of(shares, count: int):
+    """Return in which of `count` equal parts of the unit interval shares lie, counted from 0."""
+    return np.minimum(np.asarray(shares) * count, count - 1).astype(int)
 
 
 def redrawn(choices: Choices, universe: Universe, names: Sequence[str], attempt: int) -> Universe:

@@ -7,15 +7,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices, Value
-from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
 from marsedl.replication.universes.table import (
     CAUSES,
     VERDICTS,
@@ -26,8 +27,6 @@ from marsedl.replication.universes.table import (
     size_of_change,
 )
 
-STANDING = ("reproduced", "close", "holds")
-REFUTED = ("differs", "fails")
 ROBUST, DEPENDS, NEVER, UNDECIDED = "robust", "depends", "never", "undecided"
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
@@ -139,6 +138,7 @@ class Judge:
         """
         self.table, self.choices = table, choices
         self.published = {one.id: one for one in published}
+        self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self._claims = {str(name): at for at, name in enumerate(table.claim)}
         self._components = {str(name): at for at, name in enumerate(table.component)}
         self.base = int(np.flatnonzero((table.design == DESIGNS.index(ONE_AT_A_TIME)) & ~self._moved.any(axis=1))[0])
@@ -165,13 +165,13 @@ class Judge:
     def _in(self, design: str) -> np.ndarray:
         return (self.table.design == DESIGNS.index(design)) & (self.table.seed == 0)
 
-    def judged(self, claim: str) -> Judged:
+    def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at = self._claims[claim]
         filled = self._in(SPACE_FILLING)
         verdicts = np.array(VERDICTS)[self.table.verdict[:, at]]
         has_result = self.table.cause[:, at] == CAUSES.index("result")
-        stands, decided = np.isin(verdicts, STANDING), np.isin(verdicts, STANDING + REFUTED)
+        stands, decided = np.isin(verdicts, STANDING_VERDICTS), np.isin(verdicts, STANDING_VERDICTS + REFUTED_VERDICTS)
         component = self._deciding_component(claim)
         place = self._components.get(component)
         effects = self.effects(claim)
@@ -244,7 +244,7 @@ class Judge:
             return math.nan, math.nan, math.nan
         return tuple(float(getattr(self.table, name)[self.base, place]) for name in ("value", "error", "limit"))
 
-    def effects(self, claim: str) -> tuple[Effect, ...]:
+    def _effects(self, claim: str) -> tuple[Effect, ...]:
         """Return what each value of each choice changes by itself, the largest change first."""
         component = self._deciding_component(claim)
         place, at = self._components.get(component), self._claims[claim]
@@ -267,7 +267,7 @@ class Judge:
         before, after = (tuple(getattr(self.table, n)[at, place] for n in names) for at in (self.base, universe))
         claim = label.partition("[")[0]
         if self.is_statement(claim):  # the side on which it holds is that of `corrected`, or the other
-            side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING else -1.0)
+            side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
             towards = side * (after[0] - after[2]) > side * (before[0] - before[2])
         else:
             towards = abs(after[0] - after[2]) < abs(before[0] - before[2])
@@ -326,12 +326,16 @@ class Judge:
         if choice.range is None:
             return np.nan_to_num(numbers, nan=-1.0)
         shares = np.array([choice.range.share(number) if np.isfinite(number) else -1.0 for number in numbers])
-        return np.where(shares < 0, -1, np.clip((shares * 4).astype(int), 0, 3))
+        return np.where(shares < 0, -1, interval_of(shares, 4))
 
     def _depends_on(self, stands, effects, indices) -> tuple[str, ...]:
         """The choices that turn a verdict by themselves, then those with an index beyond chance."""
         base = stands[self.base]
-        turned = [e.choice for e in effects if e.verdict in STANDING + REFUTED and (e.verdict in STANDING) != base]
+        turned = [
+            e.choice
+            for e in effects
+            if e.verdict in STANDING_VERDICTS + REFUTED_VERDICTS and (e.verdict in STANDING_VERDICTS) != base
+        ]
         beyond = [name for one in indices if one.decides for name in one.choice.split(" x ")]
         return tuple(dict.fromkeys([*turned, *beyond]))
 

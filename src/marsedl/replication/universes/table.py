@@ -76,7 +76,6 @@ class Outcome:
     cause: str
     verdict: str = "none"
     numbers: Mapping[tuple[int, ...], tuple[float, float, float]] | None = None  # value, error and limit by component
-    evaluation: Evaluation | None = None
     sentence: str = ""
 
 
@@ -149,12 +148,16 @@ class Evaluator:
         """
         try:
             universe, run, tries = self.admitted(universe)
-            given = self.claims.asking(run.given(), self.published, **self.further)
         except Exception as error:
             return Row(universe, dict.fromkeys(self.asked, class_of(error)), 0)
-        outcomes = {name: self._outcome(name, given) for name in self.asked}
+        return Row(universe, self.outcomes(run), tries)
+
+    def outcomes(self, run: Run) -> dict[str, Outcome]:
+        """Return what all claims give in a run, each by itself, and let go of what no other run shares."""
+        given = self.claims.asking(run.given(), self.published, **self.further)
+        found = {name: self._outcome(name, given) for name in self.asked}
         self.memory.let_go()
-        return Row(universe, outcomes, tries)
+        return found
 
     def _outcome(self, name: str, asked: Arguments) -> Outcome:
         printed = self.published[name]
@@ -167,7 +170,7 @@ class Evaluator:
             return class_of(error)
         if result.verdict is None:
             return Outcome("not_asked")
-        return Outcome("result", result.verdict, numbers_of(printed, evaluation, result), evaluation)
+        return Outcome("result", result.verdict, numbers_of(printed, evaluation, result))
 
 
 class Row(NamedTuple):
@@ -251,25 +254,26 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     choices, asked = evaluator.study.choices, evaluator.asked
     components = [(name, *part) for name in asked for part in components_of(evaluator.published[name])]
     numbers = np.full((3, len(rows), len(components)), np.nan)
-    for at, (_, outcomes, _) in enumerate(rows):
+    for at, row in enumerate(rows):
         for place, (name, _, index) in enumerate(components):
-            if (found := outcomes[name].numbers) and index in found:
+            if (found := row.outcomes[name].numbers) and index in found:
                 numbers[:, at, place] = _finite(found[index])
+
+    def codes(names: Sequence[str], what: str) -> np.ndarray:
+        found = [[names.index(getattr(row.outcomes[name], what)) for name in asked] for row in rows]
+        return np.array(found, dtype=np.int8).reshape(len(rows), len(asked))
+
     return Universes(
-        number=np.array([universe.number for universe, _, _ in rows], dtype=np.int64),
-        design=np.array([DESIGNS.index(universe.design) for universe, _, _ in rows], dtype=np.int8),
-        seed=np.array([universe.seed for universe, _, _ in rows], dtype=np.int64),
-        assignment=np.array([coded(choices, universe) for universe, _, _ in rows]).reshape(len(rows), len(choices)),
-        tries=np.array([tries for _, _, tries in rows], dtype=np.int64),
-        sentence=np.array([_sentence(outcomes) for _, outcomes, _ in rows], dtype=str),
+        number=np.array([row.universe.number for row in rows], dtype=np.int64),
+        design=np.array([DESIGNS.index(row.universe.design) for row in rows], dtype=np.int8),
+        seed=np.array([row.universe.seed for row in rows], dtype=np.int64),
+        assignment=np.array([coded(choices, row.universe) for row in rows]).reshape(len(rows), len(choices)),
+        tries=np.array([row.tries for row in rows], dtype=np.int64),
+        sentence=np.array([_sentence(row.outcomes) for row in rows], dtype=str),
         choice=np.array([choice.name for choice in choices], dtype=str),
         claim=np.array(asked, dtype=str),
-        verdict=np.array(
-            [[VERDICTS.index(outcomes[name].verdict) for name in asked] for _, outcomes, _ in rows], dtype=np.int8
-        ).reshape(len(rows), len(asked)),
-        cause=np.array(
-            [[CAUSES.index(outcomes[name].cause) for name in asked] for _, outcomes, _ in rows], dtype=np.int8
-        ).reshape(len(rows), len(asked)),
+        verdict=codes(VERDICTS, "verdict"),
+        cause=codes(CAUSES, "cause"),
         component=np.array([label for _, label, _ in components], dtype=str),
         value=numbers[0],
         error=numbers[1],

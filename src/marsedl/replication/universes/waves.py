@@ -13,11 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marsedl.replication.claims.claim import REFUTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices
-from marsedl.replication.universes.designs import SEED, WAVE, Universe, assignment_at, combined_values, sobol, varied
-from marsedl.replication.universes.judging import REFUTED
+from marsedl.replication.universes.designs import (
+    SEED,
+    WAVE,
+    Universe,
+    assignment_at,
+    combined_values,
+    interval_of,
+    sobol,
+    varied,
+)
 from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit
 
 CANDIDATES = 8192
@@ -69,7 +78,7 @@ class Matching:
                 half = half_digit(claim, index)
                 deviation = np.nan_to_num(table.error[:, at])
                 if claim.kind == "qualitative":  # positive where the statement fails
-                    distance = np.where(np.isin(verdicts, REFUTED), 1.0, -1.0) * np.abs(distance)
+                    distance = np.where(np.isin(verdicts, REFUTED_VERDICTS), 1.0, -1.0) * np.abs(distance)
                     distance = np.where(verdicts == "none", np.nan, distance)
                 elif claim.kind == "monte_carlo":
                     deviation = deviation * self.paper_factor(claim)
@@ -199,7 +208,7 @@ def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
             blocks.append([centred, centred**2])
         else:
             count = len(combined_values(one))
-            blocks.append([(_part(points[:, k], count) == value) - 1.0 / count for value in range(count)])
+            blocks.append([(interval_of(points[:, k], count) == value) - 1.0 / count for value in range(count)])
     products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
     return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
 
@@ -215,12 +224,7 @@ def _share(choice: Choice, value) -> float:
 def _shares(choice: Choice, points: np.ndarray) -> list[float]:
     """Shares of the values of a choice among points; of a range, of its quarters."""
     count = 4 if choice.range else len(combined_values(choice))
-    return (np.bincount(_part(points, count), minlength=count) / max(len(points), 1)).tolist()
-
-
-def _part(shares: np.ndarray, count: int) -> np.ndarray:
-    """In which of some equal parts of the unit interval shares lie."""
-    return np.minimum((shares * count).astype(int), count - 1)
+    return (np.bincount(interval_of(points, count), minlength=count) / max(len(points), 1)).tolist()
 
 
 def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:

@@ -62,10 +62,9 @@ def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapp
         InputError: for an unknown choice, value or input, and for inputs that do not fit together.
 
     """
-    before = evaluator.row(Universe(0, ONE_AT_A_TIME, {})).outcomes
-    changed = Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
-    evaluator.run(changed, constrained=False)  # what does not fit together is an error here
-    after = evaluator.row(changed).outcomes
+    corrected, changed = Universe(0, ONE_AT_A_TIME, {}), Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
+    # What is asked for is computed, though it may contradict what is printed: no choice is drawn again.
+    before, after = (evaluator.outcomes(evaluator.run(one, constrained=False)) for one in (corrected, changed))
     moved = [
         _moved(evaluator, name, label, index, before[name], after[name])
         for name in evaluator.asked
