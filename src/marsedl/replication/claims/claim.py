@@ -195,6 +195,8 @@ class Claim(_Part):
     """why the verdict is what it is, if it needs a reason"""
     errata: tuple[str, ...] = ()
     """ids of the errata in the paper's method note that explain a difference"""
+    choices: tuple[str, ...] = ()
+    """names of the choices that may explain a difference"""
     withheld: tuple[str, ...] = ()
     """inputs that the paper does not give and that explain a difference"""
     close: Tolerance | None = None

@@ -82,14 +82,15 @@ class Declaration:
 
     reason: str = ""
     errata: tuple[str, ...] = ()  # ids of errata, such as "E10"
-    withheld: tuple[str, ...] = ()  # inputs that the paper does not give, in words
+    choices: tuple[str, ...] = ()  # choices of the paper, by name, that may explain a difference
+    withheld: tuple[str, ...] = ()
     close: Tolerance | None = None
     by_construction: str = ""  # why the claim cannot fail
 
     @property
     def explains(self) -> bool:
         """Whether it explains a difference: in words, with an erratum or an input that the paper withholds."""
-        return bool(self.reason.strip() and (self.errata or self.withheld))
+        return bool(self.reason.strip() and (self.errata or self.choices or self.withheld))
 
 
 def collect(

@@ -271,6 +271,7 @@ def claim(
     reason: str = "",
     *,
     errata: str = "",
+    choices: str = "",
     withheld: str | tuple[str, ...] = (),
     close: Tolerance | None = None,
     by_construction: str = "",
@@ -280,15 +281,16 @@ def claim(
 ) -> Callable:
     """Mark a function as a claim.
 
-    reason, close, by_construction: see `Declaration`; errata: ids with blanks between them; withheld: what the paper
-    does not give, in words; counterexample: the change of a record or input that turns the verdict; name: id of the
-    claim, if it is not the function's name; options: values of the function's keyword-only parameters.
+    reason, close, by_construction: see `Declaration`; errata, choices: names with blanks between them, such as
+    "E1 E4"; counterexample: the change of a record or input that turns the verdict; name: id of the claim, if it is not
+    the function's name; options: values of the function's keyword-only parameters.
     """
 
     def mark(function: Callable) -> Callable:
         marked = _Claim(
             " ".join(reason.split()),
             tuple(errata.split()),
+            tuple(choices.split()),
             (withheld,) if isinstance(withheld, str) else withheld,
             close,
             by_construction,
