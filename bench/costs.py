@@ -13,6 +13,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parents[1]
 OUTPUT = ROOT / "data" / "reference" / "costs.csv"
 KEY = ["where", "what"]
+JUDGED = ("claims", "counterexamples", "points", "universes", "waves", "what_decides")
 MEASURED = {
     "jobs": ("s", "size"),
     "cpu_s": ("cpu_time", "sum"),
@@ -28,7 +29,8 @@ def kind_of(path: Path) -> tuple[str, str]:
         return "all", name
     if len(folders) == 2:  # of a reading: a stage, or one of its Monte Carlo cases
         return folders[0], name.partition(".")[0]
-    return folders[0], name if name in ("claims", "counterexamples") else "figures and tables"
+    kind = name.partition(".")[0]  # of universes there are chunks
+    return folders[0], kind if kind in JUDGED else "figures and tables"
 
 
 def measured(folder: Path) -> pd.DataFrame:

@@ -60,7 +60,7 @@ def test_list_counts_what_every_paper_has(project, capsys):
     for slug in SLUGS:
         paper = catalogue(slug)
         assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in output
-        assert f"{len(paper.figures)} figures, {len(paper.tables) + len(paper.summaries) + 1} tables" in output
+        assert f"{len(paper.figures)} figures, {len(paper.tables) + 1} tables" in output
     assert output.splitlines()[-1] == "targets: " + ", ".join([*cli.TARGETS, *SLUGS])
     assert len(output.splitlines()) < 40
 
@@ -70,7 +70,7 @@ def test_list_shows_all_of_a_paper(project, capsys, slug):
     assert cli.main(["list", slug]) == 0
     output = capsys.readouterr().out
     paper, inputs = catalogue(slug), input_model(slug)
-    names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.summaries, *paper.stages, *inputs.CASES]
+    names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.stages, *inputs.CASES]
     for name in [*names, *(claim.id for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"))]:
         assert f"\n    {name} " in output
 
@@ -79,10 +79,10 @@ def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
     assert cli.main(["list", "stochastic_entry", "--figures"]) == 0
     output = capsys.readouterr().out
     assert output.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
-    assert "\n    headline " not in output, "a table"
+    assert "\n    zf " not in output, "a table"
     assert cli.main(["list", "stochastic_entry", "--tables"]) == 0
     output = capsys.readouterr().out
-    assert "\n    headline " in output
+    assert "\n    zf " in output
     assert "  Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
     assert cli.main(["list", "--cases"]) == 0
     output = capsys.readouterr().out
@@ -193,8 +193,8 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
 
 
 def test_explain_says_what_else_has_the_name(project, capsys):
-    output = explained(capsys, "stochastic_entry", "error_budget")
-    assert "snakemake figures/stochastic_entry/error_budget.png" in output
+    output = explained(capsys, "stochastic_entry", "certificates")
+    assert "snakemake figures/stochastic_entry/certificates.csv" in output
     assert "(also the name of a" in output
     assert " a stage)" in output
 

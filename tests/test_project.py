@@ -29,14 +29,17 @@ def texts():
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_erratum_is_named_by_a_claim_a_reading_or_an_input_and_kept_by_readings_that_exist(slug):
-    readings = load_study(slug, input_model(slug), ROOT).readings
+def test_every_erratum_is_named_by_a_claim_a_reading_a_choice_or_an_input_and_claims_name_choices_that_exist(slug):
+    study = load_study(slug, input_model(slug), ROOT)
+    readings, choices = study.readings, study.choices
     paper, declared = catalogue(slug), claims_of(slug).declarations.values()
     named = [" ".join([*d.errata, d.reason, d.close.reason if d.close else ""]) for d in declared]
+    named += [one.because for one in choices]
     named += [text for r in readings.values() for text in (r.summary, *(s.source for s in r.sources.values()))]
     words = set(re.findall(r"\w+", " ".join(named)))
     assert not [erratum.id for erratum in paper.errata if erratum.id not in words]
-    assert {name for erratum in paper.errata for name in erratum.kept_by} <= readings.keys() - {"corrected"}
+    assert {one.erratum for one in choices if one.erratum} <= {erratum.id for erratum in paper.errata}
+    assert {name for d in declared for name in d.choices} <= choices.by_name.keys()
     assert paper.picture in ("", None, *paper.figures)
 
 

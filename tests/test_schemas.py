@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from jsonschema import Draft202012Validator
 import marsedl
 from marsedl import schemas
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication.claims.claim import Counterexample, Tolerance
+from marsedl.replication.claims.claim import Counterexample, Standing, Tolerance
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import write_claims
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
@@ -170,9 +169,12 @@ def rows(tmp_path):
     failed = EVALUATIONS | {"mass": Evaluation(math.nan), "near": None, "drawn": Evaluation([math.nan, 1.0], None, 0)}
     evaluations = {"corrected": EVALUATIONS, "printed": failed}
     turned = {"stated": Counterexample(change="scaled", of="flights.final_state", amount=1.1, to="fails")}
-    drawn = EVALUATIONS["drawn"].compared_by(replace(EVALUATIONS["drawn"], trials=2000))
-    rows = collect(CLAIMS, DECLARATIONS, evaluations | {"corrected": EVALUATIONS | {"drawn": drawn}})
-    rows = [row.model_copy(update={"counterexample": turned.get(row.id)}) for row in rows]
+    standing = Standing(stands="depends", on=("form",), true=3, of=64, low=0.01, high=math.nan, cause=("form", "odd"))
+    rows = collect(CLAIMS, DECLARATIONS, evaluations)
+    rows = [
+        row.model_copy(update={"counterexample": turned.get(row.id), "universes": standing if row.headline else None})
+        for row in rows
+    ]
     write_claims(rows, tmp_path / "claims.json")
     return json.loads((tmp_path / "claims.json").read_text(encoding="utf-8"))
 

@@ -22,8 +22,9 @@ TEXTS = [
     ROOT / "Snakefile",
 ]
 DOCS = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb"), ROOT / "README.md", ROOT / "pyproject.toml"]
+# Tests alone read them: the minimum principle, the envelope theorem, what the printed boundary condition designs for.
+EVIDENCE = {"costate", "path_weight", "noise_density_design"}
 # Called by name: by the workflow (what a paper draws, tabulates and claims), and by libraries.
-EVIDENCE = {"costate", "path_weight"}  # tests alone read them: the minimum principle, and the envelope theorem
 CALLED = re.compile(r"src/marsedl/papers/\w+/(figures|tables|closeups|claims/.*)\.py|src/marsedl/cli\.py")
 
 

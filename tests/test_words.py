@@ -36,7 +36,7 @@ def texts_of(slug):
     def visit(value, place):
         if isinstance(value, dict):
             for key, entry in value.items():
-                if key not in ("kept_by", "picture"):
+                if key != "picture":
                     visit(entry, (*place, str(key)))
         elif isinstance(value, list):
             for number, entry in enumerate(value):

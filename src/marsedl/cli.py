@@ -79,6 +79,7 @@ def command_line() -> argparse.ArgumentParser:
     what = "CHOICE=VALUE of 'marsedl explain PAPER', or an input as SECTION.KEY=VALUE"
     add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
     add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
+    add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe", "--json", action="store_true", help="write JSON")
     add("universe", "number", type=int, help="its number in the table of universes")
     add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
@@ -272,9 +273,10 @@ def _trial(options) -> int:
 def _what_if(options) -> int:
     """Compute a paper with other values of choices or inputs, and show which claims move.
 
-    Computes in memory and writes nothing: the verdicts that change, and the numbers that move by more than their error.
+    Computes in memory, and shows the verdicts that change and the numbers that move by more than their error.
     """
-    from marsedl.replication.universes.what_if import changes_of, what_if
+    from marsedl.plotting.style import save_side_by_side
+    from marsedl.replication.universes.what_if import changes_of, drawn, what_if
 
     evaluator = _evaluator(options.paper)
     assignment, inputs = changes_of(options.changes, evaluator.study.choices)
@@ -282,6 +284,10 @@ def _what_if(options) -> int:
         evaluator.limit_trials(options.trials)
     moved = what_if(evaluator, assignment, inputs)
     _say(*overview.moved(moved, as_json=options.json))
+    if options.figure:
+        path = Path("build/what-if") / options.paper / f"{options.figure}.png"
+        save_side_by_side(drawn(evaluator, options.figure, assignment, inputs), path)
+        print(f"wrote {path}", file=sys.stderr)
     return 0
 
 
@@ -311,12 +317,13 @@ def _verify(options) -> int:
     Builds the smoke size twice and compares every file, then compares the full-size build with the stored numbers. With
     --reference it only compares a build with numbers of your own. The exit status is 1 if anything differs.
     """
-    from marsedl.replication.checks import reference, twice
+    from marsedl.replication.checks import reference, twice, universes
 
     project, shared, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
     agree = reference.compare_reference(project.root, project.folder, shared, folder)
+    agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 
 
@@ -327,13 +334,14 @@ def _accept(options) -> int:
     it stores the numbers of a build in a folder of your own.
     """
     from marsedl.papers import SLUGS
-    from marsedl.replication.checks import reference
+    from marsedl.replication.checks import reference, universes
     from marsedl.replication.claims import quotes
 
     project, shared, folder = _up_to_date(options)
     paths = reference.accept_reference(project.root, project.folder, shared, folder)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
+        _say(*(f"wrote {path}" for path in universes.accept_universes(project.root, project.folder, shared)))
         _say(f"wrote {reference.accept_inputs(project.root, project.studies)}")
         quoted = {slug: (_catalogue(slug), project.quotes(slug)) for slug in SLUGS}
         _say(f"wrote {quotes.accept(project.root, quoted)}")

@@ -47,7 +47,7 @@ def counted(root: Path, slug: str) -> str:
     items = {
         "readings": config["readings"],
         "figures": texts["figures"] or (),
-        "tables": [*(texts.get("tables") or ()), *(texts.get("over_readings") or ()), "claims"],
+        "tables": [*(texts.get("tables") or ()), "claims"],
         "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
         "cases": config["chunks"],
         "claims": printed["claims"],
@@ -60,7 +60,6 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
     verdicts = {name: claim.verdict for name, claim in (project.verdicts(paper.slug) or {}).items()}
     inputs = readings[CORRECTED].inputs
-    over_readings = {**paper.summaries, "claims": "Every printed claim with its verdict."}
 
     def first_sentence(caption: str) -> str:
         return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")  # the full stop of "Fig. 9" ends no sentence
@@ -69,7 +68,7 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
         "readings": [(n, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for n, r in readings.items()],
         "figures": [(stem, first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
         "tables": [(stem, first_sentence(table.caption)) for stem, table in paper.tables.items()]
-        + [(stem, f"{first_sentence(caption)} (all readings)") for stem, caption in over_readings.items()],
+        + [("claims", "Every printed claim with its verdict (all readings)")],
         "stages": [(name, stage.meaning) for name, stage in paper.stages.items()],
         "cases": [
             (case, f"{inputs.get(name):,} trials", f"input {name}: {inputs.meaning(name)}")
@@ -185,6 +184,9 @@ def explained_claim(project, claim) -> Iterator[str]:
     yield f"  verdict: {verdict.verdict} (reading {verdict.reading})"
     if verdict.reason:
         yield f"  {verdict.reason}"
+    if one := verdict.universes:
+        on = f" on {', '.join(one.on)}" if one.on else ""
+        yield f"  universes: {one.stands}{on}; true in {one.true} of {one.of} that fill the space and have a result"
     results = [
         (name, result.verdict or "–", ", ".join(format_result(verdict, name)), "; ".join(result.evidence))
         for name, result in verdict.readings.items()

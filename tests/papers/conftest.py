@@ -1,7 +1,6 @@
 """The papers' stages as the tests use them: called directly, computed once, never through files."""
 
 import inspect
-from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -30,25 +29,17 @@ REDUCED = {
     "powered_descent": {
         "fixed_point_iterations": 2000,
         "drawn_trials": DRAWN_TRIALS,
-        "choice_steps": np.array([0.05, 0.1]),
-        "choice_passes": 3,
-        "choice_trials": 200,
-        "choice_mass_flow_constants": np.array([4.85e-4, 4.8558069e-4]),
     },
     "stochastic_entry": {
         "drawn_trials": DRAWN_TRIALS,
         "trials": TRIALS,
         "paper_trials": 1000,
-        "source_trials": 300,
-        "compared_trials": TRIALS,
-        "combined_trials": 300,
         "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
     },
     "random_field": {
         "drawn_trials": DRAWN_TRIALS,
         "trials": TRIALS,
         "paper_trials": 1000,
-        "study_trials": 300,
         "double_integrator_trials": TRIALS,
     },
     "desensitized": {
@@ -234,13 +225,6 @@ class Pipeline:
             published_of(self.paper.slug),
             **others,
         )
-
-    def of_readings(self, kind, artifacts):
-        """What a table over readings is made from, as its job gives it: inputs and artifacts by reading."""
-        return {
-            name: (self.all_inputs(name), kind(**{f.name: records[f.name] for f in fields(kind) if f.name in records}))
-            for name, records in artifacts.items()
-        }
 
     def product(self, kind, stem, reading, artifacts, **others):
         """What the function of a figure or table returns, from artifacts by name; kind: figures or tables."""

@@ -4,12 +4,14 @@ Expected numbers are those of an independent study of the paper; half of the las
 where no other reason is stated. Weights are given there to four digits, which leaves a unit of the last one.
 """
 
+import itertools
+
 import numba
 import numpy as np
 import pytest
 from scipy.optimize import root
 
-from marsedl.methods.collocation import Guess, simulate
+from marsedl.methods.collocation import SOLVED, Guess, simulate
 from marsedl.methods.sensitivity_gains import final_errors
 from marsedl.papers.desensitized import entry_problem, linearization, mean_density, tradeoff
 from marsedl.papers.desensitized import gains as design
@@ -129,6 +131,21 @@ def test_the_solution_with_one_reversal_costs_less(desensitized):
     bank = [-75.6, -68.4, -46.8, -13.3, 20.6, 43.2, 53.1, 53.9, 49.7, 43.6, 37.1]
     np.testing.assert_allclose(nominal.state[::10, BANK] / DEGREE, bank, atol=0.051)
     assert nominal.reversals == 1 and len(nominal.reversal_times) == 1
+
+
+def test_no_other_conditions_on_the_bank_give_the_first_row(desensitized):
+    """Control energy and cumulative bank rate of every choice of the four, free or zero, over the printed ones."""
+    names = ("initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
+    guess, apart = as_guess(desensitized.nominal()), {}
+    for values in itertools.product((None, 0.0), repeat=len(names)):
+        inputs = desensitized.inputs("corrected", **dict(zip(names, values, strict=True)))
+        transcribed = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
+        solution = inputs.call(entry_problem.attempt, transcribed, guess, barrier=WARM)
+        assert solution.status == SOLVED
+        control = solution.controls[:, 0]
+        found = tradeoff.effort(solution), entry_problem.cumulative(solution.time, control) / DEGREE
+        apart[values] = np.abs(np.divide(found, (0.1374, 5.1784)) - 1.0).max()
+    assert [values for values in apart if apart[values] < 0.03] == [(None, 0.0, None, None)]
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])

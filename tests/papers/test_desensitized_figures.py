@@ -15,7 +15,6 @@ from marsedl.papers.desensitized import figures
 from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
     LAWS,
-    Branches,
     FlightEnsemble,
     Gains,
     Responses,
@@ -89,11 +88,6 @@ def tradeoff():
     )
 
 
-@pytest.fixture(scope="module")
-def minima():
-    return invented(Branches, {"points": 5})
-
-
 @pytest.fixture
 def printed(desensitized, desensitized_published):
     """A design whose rows are the paper's, and the printed claims."""
@@ -104,9 +98,9 @@ def printed(desensitized, desensitized_published):
 def pareto(printed):
     """Draw the figure of that name, from a changed design on demand."""
 
-    def drawn(tradeoff, minima, **changes):
+    def drawn(tradeoff, **changes):
         design, published = printed
-        return figures.pareto(design.model_copy(update=changes), ERRORS, published, tradeoff, minima)
+        return figures.pareto(design.model_copy(update=changes), ERRORS, published, tradeoff)
 
     return drawn
 
@@ -279,9 +273,9 @@ def test_what_was_lost_or_not_found_is_said(draw, gains, responses, stem):
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
-def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, minima, pareto):
-    figure = pareto(tradeoff, minima)
-    axes, weight = figure.axes
+def test_pareto_shows_path_jumps_and_rows(tradeoff, pareto):
+    (axes,) = pareto(tradeoff).axes
+    assert axes.child_axes
     assert axes.get_yscale() == "log" and "1000 m" in axes.get_xlabel()
     error = np.linalg.norm(tradeoff.path_error, axis=1)
     for color, part in ((BLACK, slice(0, 3)), (BLUE, slice(3, 8))):
@@ -296,28 +290,18 @@ def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, mi
     (printed,) = [line for line in axes.lines if line.get_marker() == "x"]
     np.testing.assert_array_equal(printed.get_xdata(), [8039, 7959, 7372, 6472, 6172, 5939])
     np.testing.assert_array_equal(printed.get_ydata(), [0.1374, 0.14, 0.3078, 1.5603, 5.1812, 586.8673])
-    (given,) = [line for line in axes.lines if line.get_linestyle() == "None" and line.get_marker() == "."]
-    np.testing.assert_array_equal(given.get_xydata(), np.transpose([minima.curve_error, minima.curve_effort]))
-    (curve,) = curves(weight, style="--")
-    np.testing.assert_array_equal(curve.get_xdata(), minima.curve_error)
-    np.testing.assert_array_equal(curve.get_ydata(), minima.curve_weight)
-    assert f"{minima.fold_weight:.4g}" in weight.get_title()
 
 
-def test_pareto_without_folds_or_curves(tradeoff, minima, pareto):
+def test_pareto_without_folds(tradeoff, pareto):
     plain = replace(
         tradeoff,
         path_branch=np.zeros(8, int),
         branch=np.array(["2 reversals"]),
         **{name: np.empty((0, 2)) for name in ("fold_weight", "fold_effort", "fold_error")},
     )
-    none = {f"curve_{name}": np.empty(0) for name in ("error", "effort", "weight")}
-    bare = replace(minima, **none, fold_weight=np.nan, fold_error=np.nan)
-    (axes,) = pareto(plain, bare).axes
+    (axes,) = pareto(plain).axes
     assert not axes.child_axes
     assert not [line for line in axes.lines if line.get_linestyle() == ":"]
-    figure = pareto(plain, replace(minima, fold_weight=np.nan))
-    assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
 
 
 def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):

@@ -41,7 +41,6 @@ def reading_of(based_on="corrected", **inputs):
         ),
         ({"low_heights_km": [10.0, 2.0]}, ["low_heights does not increase: 10000, 2000"]),
         ({"initial_bank_rate_deg_s": -21.0}, ["initial_bank_rate lies beyond vehicle.bank_rate_bound"]),
-        ({"studied_intervals": [50, 120]}, ["studied_intervals", "multiple"]),
         ({"scheme": "euler"}, ["scheme", "midpoint", "hermite_simpson"]),
         ({"roll_inerta": 0.0}, ["roll_inerta", "did you mean 'roll_inertia'"]),
     ],
@@ -269,11 +268,33 @@ def test_a_row_below_the_least_energy_is_left_out(monkeypatch):
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
     weights = {"printed_weights": np.array([0.001, 0.01]), "matched_efforts": np.array([0.14, 0.3078])}
-    design = Design.from_plain(weights | {"weight_rule": "matched"})
+    rule = {"weight_rule": "matched", "printed_least_effort": 0.1374}
+    design = Design.from_plain(weights | rule | {"infeasible_rows": "no_value"})
     points = path_of([0.1416, 0.143, 0.0509, 5.0], [0, 0, 1, 1], [0.0, 0.036, 0.0509, 5.0])
-    (row,) = tradeoff.chosen(None, design, None, points)
-    assert row.branch == 1 and tradeoff.effort(row.solution) == pytest.approx(0.3078)
-    assert tradeoff.has_row(design, 0.1416).tolist() == [False, True]
+    ((c1, row),) = tradeoff.chosen(None, design, None, points).items()
+    assert c1 == 0.01 and row.branch == 1 and tradeoff.effort(row.solution) == pytest.approx(0.3078)
+    ratios = Design.from_plain(weights | rule | {"infeasible_rows": "printed_ratios"})
+    assert tradeoff.row_efforts(ratios, 0.1416) == pytest.approx([0.1416 * 0.14 / 0.1374, 0.3078])
+    assert tradeoff.row_efforts(ratios, 0.1378) == pytest.approx([0.14, 0.3078]), "where there is a solution"
+
+
+def test_a_row_without_a_solution_leaves_the_others(monkeypatch):
+    """Before, an energy in the gap between two branches ended the trade-off, and no claim had a value."""
+
+    def solved(solver, case, transcribed, guess, weight, **options):
+        return path_of([weight], [1], [weight])[0].solution
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
+    design = Design.from_plain(
+        {
+            "printed_weights": np.array([0.001, 0.01]),
+            "matched_efforts": np.array([0.15, 0.3078]),
+            "weight_rule": "matched",
+            "infeasible_rows": "no_value",
+        }
+    )
+    points = path_of([0.1, 0.12, 0.2, 5.0], [0, 0, 1, 1], [0.0, 0.1, 0.2, 5.0])
+    assert list(tradeoff.chosen(None, design, None, points)) == [0.01]
 
 
 def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):

@@ -12,11 +12,8 @@ import pytest
 from marsedl.papers import catalogue
 from marsedl.papers.desensitized import tables
 from marsedl.papers.desensitized.records import (
-    CHANNELS,
     LAWS,
     SOLUTIONS,
-    Branches,
-    Certificates,
     FlightEnsemble,
     Gains,
     MinimumFuel,
@@ -34,14 +31,10 @@ PRINTED_WEIGHTS = np.array([0.0, 0.001, 0.01, 0.1, 1.0, np.nan, np.nan])
 EXTENTS = {
     "rows": 7,
     "law": 6,
-    "sets": 16,
     "trials": 40,
     "time": 5,
     "node": 5,
     "intervals": 4,
-    "cases": 2,
-    "scheme": 3,
-    "meshes": 3,
     "solutions": 3,
     "points": 6,
 }
@@ -95,17 +88,6 @@ def ensemble(**values):
     return made_up(FlightEnsemble, 4, **given | values)
 
 
-def branches(**values):
-    choices = np.array([[bool(k & 8), bool(k & 4), bool(k & 2), bool(k & 1)] for k in range(16)])
-    given = {"set_fixed": choices}
-    return made_up(Branches, 6, **given | values)
-
-
-def certificates(**values):
-    given = {"weight": np.array([0.0, 45.0]), "intervals": np.array([50, 100, 200])}
-    return made_up(Certificates, 7, **given | values)
-
-
 def minimum_fuel(**values):
     return made_up(MinimumFuel, 9, {"bound": 2, "solution": 3}, **{"solution": np.array(SOLUTIONS)} | values)
 
@@ -115,9 +97,7 @@ ARTIFACTS = {
     "gains": gains,
     "responses": responses,
     "entry_errors": ensemble,
-    "branches": branches,
     "minimum_fuel": minimum_fuel,
-    "certificates": certificates,
 }
 
 
@@ -272,70 +252,3 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     # 0.0394294 kg of propellant per deg/s.
     fuel = 0.0394294 * flights.final_state[0, :, 8].mean() / DEGREE
     assert column(rows, "mean propellant")[0] == pytest.approx(fuel, rel=1e-4)
-
-
-# ---- other solutions -------------------------------------------------------------------------------------------------
-
-
-def test_bank_conditions_begin_with_what_meets_the_paper(table):
-    study = branches()
-    study.set_effort[:], study.set_cumulative[:] = 1.0, 1.0
-    study.set_effort[4], study.set_cumulative[4] = 0.1374 * 1.003, 5.1784 * DEGREE * 0.996  # initial rate only
-    study.set_effort[9] = study.set_cumulative[9] = np.nan
-    rows = table("bank_conditions", branches=study)
-    angles = list(rows)[:4]
-    assert rows[angles].iloc[0].to_numpy() == near([np.nan, 0.0, np.nan, np.nan])
-    first = rows.iloc[0]
-    assert (first["J0 over the paper's"], first["cumulative bank rate over the paper's"]) == near((1.003, 0.996))
-    assert first["distance (%)"] == pytest.approx(0.5, rel=1e-9)
-    assert list(rows["used here"]) == [True] + [False] * 15
-    assert rows.iloc[-1, 4:10].isna().all()
-    assert not table("bank_conditions", "printed", branches=study)["used here"][0]
-    # A condition that is fixed elsewhere is shown there.
-    angle = column(table("bank_conditions", changes={"initial_bank": -1.0}, branches=study), "initial bank angle")
-    assert set(angle[np.isfinite(angle)]) == {-1.0 / DEGREE}
-
-
-# ---- over all readings -----------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def artifacts(desensitized):
-    """Inputs and artifacts of all readings, made up; those of two readings are equal but for their gains."""
-    of_readings = {}
-    for number, name in enumerate(READINGS):
-        path = tradeoff(1 if name == "feedback_tuned" else number)
-        records = tables.Records(path, gains(), responses(), ensemble())
-        of_readings[name] = (desensitized.all_inputs(name), records)
-    return of_readings
-
-
-def test_readings_are_told_apart_by_their_inputs(artifacts, desensitized_published):
-    artifacts["printed"][1].gains.converged[:] = [True, True, False, False, True, True]
-    artifacts["printed"][1].entry_errors.outcome[2, :5] = 1
-    rows = well_formed(tables.readings(artifacts, desensitized_published)).set_index("reading")
-    assert list(rows.index) == ["in the paper", *READINGS]
-    paper = rows.loc["in the paper"]
-    heads = [f"{name} ({unit})" for name, unit in FOUR.items()]
-    assert tuple(paper[heads]) == (0.1374, 5.1784, 0.204, 8039.0)
-    assert (paper["bank reversals"], paper["largest finite c1"]) == (2, 1.0)
-    assert (paper["its final position error (m)"], paper["largest reduction (%)"]) == (6172.0, 26.1)
-    differing = rows["inputs that differ"].fillna("")
-    assert differing["corrected"] == ""
-    assert differing["single_weight"] == "weight_factor 57.3, weight_rule proportional"
-    assert differing["feedback_tuned"] == "gain_design tuned"
-    assert "initial_bank_rate free" in differing["printed"] and "weight_path" in differing["printed"]
-    assert "trials" not in " ".join(differing)
-    unconverged = rows["gains that did not converge"]
-    assert unconverged["printed"] == "gains against radius errors, gains against crossrange errors"
-    lost = rows[[head for head in rows if head.startswith("lost trials: ")]]
-    assert list(lost.loc["printed"]) == [0, 0, 5, 0, 0, 0] and not lost.loc["corrected"].any()
-    path, flights = artifacts["mixed_units"][1].tradeoff, artifacts["mixed_units"][1].responses
-    errors, row = np.linalg.norm(path.error, axis=1), rows.loc["mixed_units"]
-    assert (row[heads[0]], row[heads[3]]) == near((path.effort[0], errors[0]))
-    assert row["its final position error (m)"] == near(errors[4])
-    assert row["largest reduction (%)"] == near(100.0 * (1.0 - errors.min() / errors[0]))
-    for channel, (name, size) in enumerate(zip(CHANNELS, flights.drawn_error, strict=True)):
-        assert row[f"{name} at entry (m)"] == size
-        final = [row[f"{name}: {how} (m)"] for how in ("no feedback", "feedback")]
-        assert final == near([np.linalg.norm(flights.error[law, channel, -1]) for law in (0, 2 + channel)])

@@ -17,7 +17,6 @@ from marsedl.papers import catalogue
 from marsedl.papers.funnels import figures
 from marsedl.papers.funnels.inputs import MODEL
 from marsedl.papers.funnels.records import (
-    Discretization,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -25,10 +24,9 @@ from marsedl.papers.funnels.records import (
     LinearBounds,
     Linearization,
     Nominal,
-    Optima,
     Proven,
 )
-from marsedl.plotting.style import BLACK, BLUE, GREEN, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, VERMILION
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.records.fields import quantities
 from marsedl.replication.units import DEGREE, KM
@@ -39,7 +37,6 @@ INPUTS = {
     "entry_longitude": 0.5,
     "fig4_slice": 3,
     "fig4_coordinates": np.array([2.0, 5.0]),
-    "heat_rate_limit": 1.3e4,
     "bank_bounds": np.array([0.2, 1.9]),
 }
 EXTENTS = {
@@ -57,12 +54,9 @@ EXTENTS = {
     "funnel": 3,
     "proven": 2,
     "steps": FINE,
-    "optima": 4,
     "grid": 9,
     "circle": 8,
     "sample": 20,
-    "spacing": 2,
-    "condition": 2,
 }
 TIME = np.linspace(0.0, 240.0, FINE + 1)
 STEP = np.arange(0, FINE + 1, 2)
@@ -107,23 +101,12 @@ def study(empty=False):
         return replace(ensemble, maximum_over_trials=largest)
 
     car_time = np.linspace(0.0, 4.0, FINE + 1)
-    spacing = np.array([4, 2])
-    excess = stand_in(Discretization).excess.copy() - 1.5
-    excess[0, FINE // 4 :] = np.nan
     return {
         "nominal": stand_in(Nominal),
-        "optima": stand_in(Optima, intervals=np.array([100, 100, 100, 200])),
         "linearization": stand_in(Linearization, time=TIME, half_time=np.linspace(0.0, 240.0, 2 * FINE + 1)),
         "funnel": stand_in(Funnel, step=STEP, time=TIME[STEP], shape=shapes(SLICES, 6), outcome="complete"),
         "linear_bounds": stand_in(LinearBounds, time=TIME, slice_time=TIME[STEP], slice_step=STEP),
         "proven": stand_in(Proven, step=STEP, time=TIME[STEP], node_time=TIME, proven=not empty),
-        "discretization": stand_in(
-            Discretization,
-            spacing=spacing,
-            condition=np.array(["flow", "euler"]),
-            excess=excess,
-            least_excess=np.array([-0.02, -0.01]),
-        ),
         "dubins": stand_in(
             Dubins,
             time=car_time,
@@ -298,7 +281,6 @@ def test_bands_have_every_state_in_its_unit(draw, records):
         for color, style, values in (
             (BLUE, "-", funnel.half_width),
             (BLACK, "--", linear.exact_half_width),
-            (GREEN, "-", linear.reachable_half_width),
         ):
             lower, upper = curves(axes, color, style)
             np.testing.assert_allclose(upper.get_ydata(), values[:, component] * unit)

@@ -35,7 +35,6 @@ def reading_of(based_on="corrected", **inputs):
     [
         ({"bank_bounds_deg": [105.0, 15.0]}, ["bank_bounds", "wrong way round"]),
         ({"guess_final_time": 501.0}, ["guess_final_time: 501", "120 to 500"]),
-        ({"studied_intervals": [100, 150]}, ["studied_intervals", "multiple"]),
         (
             {"steps_per_slice": 7},
             ["guidance.fine_steps (240) is not a multiple of recursion.steps_per_slice (7); give 6 or 8"],
@@ -62,7 +61,7 @@ def test_other_numbers_of_slices_need_no_other_inputs(inputs):
     for share in (0.0, mine.studies.benchmark_slice, mine.studies.stationary_slice, 0.9999):
         number = environment.slice_at(loop, mine.recursion.steps_per_slice, share)
         assert 1 <= number <= stages and abs(number - 1 - share * stages) < 1.0
-    for count in (1, *mine.studies.studied_stages, mine.studies.coarse_stages, 10_000):
+    for count in (1, mine.studies.coarse_stages, 10_000):
         assert mine.guidance.fine_steps % environment.spacing_of(loop, count) == 0
 
 

@@ -26,11 +26,6 @@ def loop(inputs, reference, design):
 
 
 @pytest.fixture(scope="module")
-def semi_axes(inputs):
-    return environment.initial_semi_axes(inputs.planet, inputs.uncertainty)
-
-
-@pytest.fixture(scope="module")
 def reference(funnels):
     return funnels.linearization()
 
@@ -96,25 +91,8 @@ def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, des
         assert values.max() < bounds.exact_level[k + 1]
 
 
-# ---- the shape around what is reached --------------------------------------------------------------------------------
-
-
-def test_reachable_ellipsoids_hold_linear_flights_and_little_more(bounds, jacobians, semi_axes):
-    assert bounds.reachable_half_width[0] == pytest.approx(semi_axes, rel=1e-9)
-    draw = generator()
-    deviation, pushed = semi_axes[:, None] * uniform_directions(draw, 2000, 6).T, uniform_directions(draw, 2000, 2).T
-    for k, (transition, response) in enumerate(zip(*jacobians, strict=True)):
-        deviation = transition @ deviation + response @ pushed
-        assert (np.abs(deviation).max(axis=1) <= bounds.reachable_half_width[k + 1] * (1 + 1e-12)).all()
-    assert bounds.reachable_half_width[-1, 1] < 1.5 * np.abs(deviation[1]).max()
-
-
 def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
     inputs_with_shape = inputs_of("minkowski_shape")
     laws = inputs_with_shape.call(gains.compute, reference)
     bounds = inputs_with_shape.call(linear_bounds.compute, reference, laws)
     assert bounds.exact_level[0] == pytest.approx(1.0, rel=1e-12) and bounds.exact_level.max() <= 1 + 1e-9
-    steps = bounds.slice_step
-    assert bounds.exact_half_width == pytest.approx(
-        bounds.reachable_half_width[steps] * np.sqrt(bounds.exact_level)[:, None], rel=1e-6
-    )

@@ -14,9 +14,9 @@ from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import (
     coarse_funnels,
-    discretization,
     environment,
     equations_of_motion,
+    euler_step,
     gains,
     programs,
     stage_study,
@@ -220,7 +220,7 @@ def test_the_euler_step_differs_in_second_order(inputs, loop, regulator, design)
         stage = programs.stage_at(inputs().recursion, loop, regulator, k + 1, level, spacing)
         levels = np.full(240 // spacing + 1, np.nan)
         levels[k : k + 2] = level, level * rank_one(stage.values(design.points), design.basis).safe_bound
-        excess = discretization.euler_excess(inputs().recursion, loop, regulator, design, spacing, levels)
+        excess = euler_step.euler_excess(inputs().recursion, loop, regulator, design, spacing, levels)
         assert np.flatnonzero(np.isfinite(excess)).tolist() == [k]
         size.append(excess[k])
     ratio = np.array([coarse / fine for coarse, fine in pairwise(size)])
@@ -231,13 +231,7 @@ def test_the_euler_step_differs_in_second_order(inputs, loop, regulator, design)
 @pytest.fixture(scope="module")
 def small_of(inputs):
     """Function that returns inputs for the part of the flight between two nodes, in two slices or four."""
-    few = {
-        "fine_steps": 16,
-        "steps_per_slice": 4,
-        "coarse_stages": 2,
-        "studied_stages": np.array([2.0]),  # beside the four of the reading
-        "backward_level": 5.0,
-    }
+    few = {"fine_steps": 16, "steps_per_slice": 4, "coarse_stages": 2, "backward_level": 5.0}
     return lambda **changes: inputs(**(few | changes))
 
 
@@ -258,37 +252,24 @@ def part(small, model):
 
 
 @pytest.fixture(scope="module")
-def spacings(small, part):
-    """Funnels with more and fewer slices; the reading has none."""
-    return small.call(discretization.compute, *part, SimpleNamespace(outcome="the funnel diverges"))
-
-
-@pytest.fixture(scope="module")
-def coarse(small, part, spacings):
-    return small.call(coarse_funnels.compute, *part, spacings)
+def coarse(small, part):
+    return small.call(coarse_funnels.compute, *part)
 
 
 def variant(study, name):
     return study.variant_level[list(study.variant).index(name)]
 
 
-def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part, spacings, monkeypatch):
-    funnel, propagated, propagate = (
-        SimpleNamespace(level=spacings.level[0, 1], outcome="complete"),
-        [],
-        programs.propagate,
-    )
-
-    def recorded(recursion, loop, gains, design, spacing, **options):
-        propagated.append((int(spacing), options.get("condition", "flow")))
-        return propagate(recursion, loop, gains, design, spacing, **options)
-
-    monkeypatch.setattr(discretization, "propagate", recorded)
-    by_spacing = small_of().call(discretization.compute, *part, funnel)
-    np.testing.assert_array_equal(by_spacing.level, spacings.level)
-    assert (4, "flow") not in propagated
-    small_of(inflated=True).call(discretization.compute, *part, funnel)
-    assert (4, "flow") in propagated
+def test_the_funnel_of_the_reading_is_taken_where_it_bounds_the_motion(small, small_of, part):
+    given, (lines, regulator) = small, part
+    air = environment.disturbed_air(given.planet, given.uncertainty)
+    loop = environment.closed_loop(given.planet, given.vehicle, air, lines, regulator.half_gain)
+    levels, _ = programs.propagate(given.recursion, loop, regulator, programs.samples(given.recursion), 4)
+    excess = small.call(euler_step.compute, *part, SimpleNamespace(level=levels)).excess
+    assert len(excess) == 4 and np.isfinite(excess).all()
+    for other in ({"inflated": True}, {"condition": "euler"}):
+        again = small_of(**other).call(euler_step.compute, *part, SimpleNamespace(level=2.0 * levels))
+        np.testing.assert_array_equal(again.excess, excess)
 
 
 def test_multipliers_and_samples_give_one_funnel(coarse):

@@ -3,16 +3,12 @@
 The artifacts are made up, of the declared shapes, so that no table can hide behind the values of one reading.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.funnels import tables
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
-    Discretization,
     FlightEnsemble,
     Funnel,
     LinearBounds,
@@ -66,10 +62,6 @@ def stage_study(**values):
     return made_up(StageStudy, 5, **given | values)
 
 
-def discretization(**values):
-    return made_up(Discretization, 6, **{"condition": np.array(["flow", "euler"])} | values)
-
-
 def proven(**values):
     return made_up(Proven, 7, **{"step": STEPS} | values)
 
@@ -78,7 +70,6 @@ MAKERS = {
     "funnel": funnel,
     "linear_bounds": linear_bounds,
     "stage_study": stage_study,
-    "discretization": discretization,
     "coarse_funnels": lambda: made_up(CoarseFunnels, 15, coarse_step=np.array([0, 8])),
     "proven": proven,
     "constant": ensemble,
@@ -94,21 +85,6 @@ def table(funnels):
     def rows(name, reading="corrected", **artifacts):
         needed = {need.split(".")[-1]: MAKERS[need.split(".")[-1]]() for need in funnels.paper.tables[name].needs}
         return funnels.product("tables", name, reading, needed | artifacts, published={})
-
-    return rows
-
-
-@pytest.fixture(scope="module")
-def readings(funnels):
-    """The table over readings; some artifacts of `corrected` replaced."""
-
-    def rows(**artifacts):
-        items = {name: MAKERS[name]() for name in ("funnel", "constant", "redrawn", "adversarial")}
-        inputs_and_records = {
-            name: (funnels.all_inputs(name), SimpleNamespace(**items | (artifacts if name == "corrected" else {})))
-            for name in funnels.study.readings
-        }
-        return tables.readings(inputs_and_records, {})
 
     return rows
 
@@ -162,22 +138,3 @@ def test_a_stage_that_is_not_reached_has_no_value(table):
     assert data["solver"].iloc[-1] == "not solved"
     tight = data["polynomial below its bound"]
     assert tight[0] == 1e-6 and tight[1:].isna().all()
-
-
-def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels):
-    laws = {
-        name: ensemble(seed, outside_at_slices=count, outside_between=0)
-        for name, seed, count in (("constant", 4, 1), ("redrawn", 11, 2), ("adversarial", 12, 4))
-    }
-    growth = np.full(STAGES, 2.0)
-    slices = funnel(growth=growth, true_maximum=np.where(np.arange(STAGES) < 5, 2.5, 1.5), violation=growth / 100.0)
-    data = readings(funnel=slices, **laws).set_index("reading")
-    assert list(data.index) == list(funnels.study.readings)
-    corrected = data.loc["corrected"]
-    assert corrected.isna()["inputs that differ"]
-    assert (corrected["flights outside"], corrected["flights"]) == (7, 120)
-    assert (corrected["stages exceeded"], corrected["stages"]) == (5, 12)
-    assert corrected["exceeded by at most (%)"] == pytest.approx(2.0)
-    assert data.loc["euler", "inputs that differ"] == "condition euler"
-    assert "largest_feedback any" in data.loc["printed", "inputs that differ"]
-    assert not data.loc["printed", "samples on the slices"]

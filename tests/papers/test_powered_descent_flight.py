@@ -313,28 +313,3 @@ def test_at_the_production_step_runge_kutta_has_no_bias_and_euler_maruyama_a_kno
         # The known values are of 2,000 trials and have half a digit.
         assert (np.abs(difference.mean(axis=0) - bias) < 4 * 1.3 * error + 5e-4).all(), scheme
         np.testing.assert_allclose(np.sqrt((difference**2).mean(axis=0)), spread, rtol=0.11)
-
-
-# --- choices of the simulation ----------------------------------------------------------------------------------------
-
-
-def test_the_mean_of_a_choice_is_that_of_many_trials(pipeline):
-    """The estimate from flights compared with linear ones, against plain means of twenty times the trials."""
-    choices = pipeline.choices()
-    for index, changes in (
-        ((0, 0, 1), {"integrator": "euler_maruyama", "time_step": 0.05}),
-        ((2, 0, 0), {"mass_profile": "first_pass_without_feedback"}),
-    ):
-        many = pipeline.ensemble(trials=10_000, **changes)
-        error = np.sqrt(np.diag(many.covariance[-1, :4, :4] / many.count + choices.mean_error[index]))
-        assert (np.abs(choices.mean[index] - many.mean[-1, :4]) < 4 * error).all(), index
-        # and far more precise than the plain mean of as many trials
-        plain = np.diag(choices.covariance[index]) / choices.trials
-        assert (np.diag(choices.mean_error[index]) < 0.1 * plain).all(), index
-
-
-def test_a_command_that_is_held_for_one_euler_step_is_the_continuous_one(pipeline):
-    choices = pipeline.choices()
-    coarsest = np.flatnonzero((choices.step == 0.1) & (choices.scheme != "rk4"))
-    assert choices.command_interval[1] == 0.1
-    np.testing.assert_array_equal(choices.mean[:, 1, coarsest], choices.mean[:, 0, coarsest])

@@ -8,7 +8,7 @@ from marsedl.papers.random_field.double_integrator import (
     program,
     system,
 )
-from marsedl.papers.random_field.partition import steps_between_outputs, with_short_end_steps
+from marsedl.papers.random_field.partition import steps_between_outputs, with_halved_end_steps
 
 CLOSED = 1
 NODES = [0.0, 50.0, *np.arange(75.0, 351.0, 25.0), 400.0]
@@ -38,11 +38,10 @@ def test_a_partition_of_other_times_is_flown_without_another_input(random_field)
     assert np.isin(gains.partition, ensemble.time).all()
 
 
-def test_end_steps_are_divided_and_nothing_else():
-    assert with_short_end_steps(NODES, 2, 0.5) == [*np.arange(0.0, 401.0, 25.0)]
-    thirds = with_short_end_steps([0.0, 50.0, 75.0, 125.0], 3, 0.5)
-    assert thirds == [0.0, 16.5, 33.5, 50.0, 75.0, 91.5, 108.5, 125.0]
-    assert with_short_end_steps([0.0, 1.0, 2.0], 50, 0.5) == [0.0, 0.5, 1.0, 1.5, 2.0]
+def test_end_steps_are_halved_and_nothing_else():
+    assert with_halved_end_steps(NODES, 0.5) == [*np.arange(0.0, 401.0, 25.0)]
+    assert with_halved_end_steps((0.0, 50.0, 75.0, 76.5), 0.5) == [0.0, 25.0, 50.0, 75.0, 76.0, 76.5]
+    assert with_halved_end_steps([0.0, 0.5, 1.0], 0.5) == [0.0, 0.5, 1.0]
 
 
 # --- the mean of the density variation --------------------------------------------------------------------------------

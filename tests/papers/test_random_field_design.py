@@ -526,7 +526,7 @@ def test_certificates(random_field):
     assert certificates.convexity > -1e-12
     for name in ("process_score", "disturbance_score", "normality_score"):
         assert 0.0 < getattr(certificates, name) < 5.0, name
-    assert certificates.samples == 300
+    assert certificates.samples == 1000
 
 
 def test_dependence_of_the_disturbances(random_field):
@@ -566,19 +566,19 @@ def test_dependence_of_the_disturbances(random_field):
 
 def test_one_branch_cycles_with_period_two_and_both_converge(random_field):
     study = random_field.convergence()
-    assert list(study.variant) == ["one_branch", "both_branches", "short_end_steps"]
-    assert list(study.outcome) == ["cycling", "converged", "cycling"] and list(study.period) == [2, 1, 2]
-    assert study.apoapsis.shape == (3, 11) and not study.lost.any()
+    assert list(study.outcome) == ["cycling", "cycling"] and list(study.period) == [2, 2]
+    assert study.apoapsis.shape == (2, 11) and not study.lost.any()
     reference = (5.00, 5.10, 5.01, 4.91, 5.01, 4.91, 5.01)
     np.testing.assert_allclose(study.apoapsis[0, :7], reference, rtol=0, atol=5.1e-3)
     # The cycle costs 16 m/s (302 to 286 m/s), known with 5,000 trials; here with 300, whose errors are below 2 m/s.
     for iteration, expected in {2: 293.0, 3: 302.0, 4: 286.0, 5: 302.0, 6: 286.0}.items():
         assert study.percentile[0, iteration] == pytest.approx(expected, abs=4.0 * 2.0)
     steps = np.abs(np.diff(study.apoapsis, axis=1))
-    assert (steps[[0, 2], -3:] > 0.09).all() and (steps[1, -3:] < 1e-3).all()
-    # What the cured program predicts, its flights keep to within a few m/s; one branch alternates about it.
-    assert np.ptp(study.percentile[1, 2:]) < 2.0 and np.ptp(study.percentile[0, 2:]) > 10.0
+    assert (steps[:, -3:] > 0.09).all() and np.ptp(study.percentile[0, 2:]) > 10.0
     assert (study.control_change <= 0.1 + 1e-6).all()
+    # With both branches in the program, flights keep what it predicts to within a few m/s.
+    cured = random_field.gains("both_branches", iterations=10)
+    assert cured.outcome == "converged" and np.ptp(cured.percentile[2:]) < 2.0
 
 
 def test_a_fully_correlated_field_is_one_normal_number(random_field, everything):

@@ -13,7 +13,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
 from marsedl.papers.random_field import environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
-from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence
+from marsedl.papers.random_field.records import CLOSED, OPEN, VARIANTS, Convergence
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
@@ -349,28 +349,28 @@ def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
 
 @pytest.fixture
 def history():
-    """A cycle and its cure, with lost trials in the last variant."""
-    rows = np.arange(3)[:, np.newaxis]
+    """A cycle and another end, with lost trials in the last variant."""
+    rows = np.arange(2)[:, np.newaxis]
     iterations = np.arange(5)
     apoapsis = 5.0 + 0.1 * np.where(rows == 1, 0.5, (-1.0) ** iterations)
     return Convergence(
-        variant=np.array(["one_branch", "both_branches", "short_end_steps"]),
-        outcome=np.array(["cycling", "converged", "stopped"]),
-        period=np.array([2, 1, 0]),
+        variant=np.array(VARIANTS),
+        outcome=np.array(["cycling", "stopped"]),
+        period=np.array([2, 0]),
         apoapsis=apoapsis,
         nominal_delta_v=280.0 + 10 * apoapsis,
         predicted=np.where(iterations == 0, 374.0, 285.0 + rows + iterations / 10),
         percentile=np.where(iterations == 0, 589.0, 300.0 + rows - iterations / 10),
-        percentile_error=np.full((3, 5), 0.5),
-        lost=np.where((rows == 2) & (iterations > 0), iterations, 0),
-        control_change=np.zeros((3, 5)),
+        percentile_error=np.full((2, 5), 0.5),
+        lost=np.where((rows == 1) & (iterations > 0), iterations, 0),
+        control_change=np.zeros((2, 5)),
     )
 
 
 def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
     figure = inputs_of("convergence").call(figures.convergence, history)
     apoapsis, percentile = figure.axes
-    for row, color in enumerate((VERMILION, BLUE, GREEN)):
+    for row, color in enumerate((VERMILION, GREEN)):
         (line,) = curves(apoapsis, color)
         np.testing.assert_array_equal(line.get_ydata(), history.apoapsis[row])
         container = percentile.containers[row]

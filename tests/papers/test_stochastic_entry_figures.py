@@ -242,16 +242,6 @@ def test_fig12_markers_are_the_final_errors(draw, entry):
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
-def test_error_budget_bars_are_shares_of_variance(draw, entry):
-    study = entry.error_budget()
-    for number, axes in enumerate(draw("error_budget").axes):
-        bars = np.array([[bar.get_height() for bar in group] for group in axes.containers])
-        assert bars.shape == (3, 8)
-        share = 100 * study.deviation[:, number, :7] ** 2 / study.deviation[:, number, 7:] ** 2
-        np.testing.assert_allclose(bars[:, :7], share)
-        np.testing.assert_allclose(bars[:, 7], share.sum(axis=1))
-
-
 def test_floor_is_below_the_linear_prediction_and_that_below_the_flights(draw, entry):
     (axes,) = draw("floor").axes
     heights = np.array([bar.get_height() for group in axes.containers for bar in getattr(group, "patches", ())])

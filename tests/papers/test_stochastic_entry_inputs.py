@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marsedl.papers.stochastic_entry import environment, nominal, tradeoff
-from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.errors import InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.injection import Arguments
 
@@ -113,9 +113,10 @@ def test_a_nominal_that_does_not_slow_down_is_refused(entry):
     [({"altitude_limit": 1.0}, 0, 1.0), ({"flight_path_angle_limit": np.radians(0.001)}, 1, np.radians(0.001))],
 )
 def test_a_limit_that_cannot_be_met_is_named_with_what_can(entry, limits, number, unit):
-    with pytest.raises(MarsedlError) as error:
+    with pytest.raises(InfeasibleError) as error:
         entry.gains("corrected", **limits)
     message = str(error.value)
+    assert (error.value.iterate["control_limit"] > 0).all()
     # A standard deviation is a third of the limit; the least that can be attained is far more.
     least, limit = map(float, re.search(r"allow is (\S+), the limit (\S+);", message).groups())
     assert limit == pytest.approx(unit / 3.0, rel=1e-3)
@@ -128,5 +129,5 @@ def test_a_limit_that_cannot_be_met_is_named_with_what_can(entry, limits, number
 
 def test_limits_that_are_met_one_by_one_but_not_together_are_refused(entry):
     """A little above the least altitude error, with a path angle limit that it leaves no room for."""
-    with pytest.raises(MarsedlError, match=r"final limit|not together"):
+    with pytest.raises(SolverError, match=r"final limit|not together"):
         entry.gains("corrected", altitude_limit=300.0, flight_path_angle_limit=np.radians(0.15))

@@ -1,4 +1,4 @@
-"""Statistics of the simulated entries against known values, the linear model, and the sources of their errors.
+"""Statistics of the simulated entries against known values and the linear model.
 
 Known values are those of an independent program with 10,000 trials of each case (1,000 where said). Tolerances are four
 standard errors of both samples combined, so that a correct program fails less than once in ten thousand comparisons;
@@ -8,11 +8,9 @@ seeds are fixed.
 import numpy as np
 import pytest
 
-from marsedl.methods.lincov import propagate
 from marsedl.montecarlo.statistics import percentile, variance_standard_error
-from marsedl.papers.stochastic_entry import dispersions, error_budget, flight, records
-from marsedl.papers.stochastic_entry.linearization import system
-from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
+from marsedl.papers.stochastic_entry import records
+from marsedl.papers.stochastic_entry.records import errors
 
 TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 10_000, 4.0
 ROWS = {"downrange": (3, 1e3), "altitude": (0, 1e3), "velocity": (1, 1.0), "path_angle": (2, np.radians(1.0))}
@@ -125,74 +123,3 @@ def test_hypotheses_move_the_percentiles_as_known(entry):
         for level, number in zip((0.01, 0.99), expected, strict=True):
             value, error = percentile(final, level)
             assert value == pytest.approx(number, abs=SIGMAS * np.sqrt(3) * error + 0.006), (reading, level)
-
-
-# --- error budget -----------------------------------------------------------------------------------------------------
-
-
-def source(name):
-    return error_budget.SOURCES.index(name)
-
-
-def test_error_budget_flies_every_source_alone_and_all_together(entry):
-    budget = entry.error_budget()
-    inputs = entry.stage_inputs("corrected", "error_budget")
-    assert budget.trials == inputs.source_trials == 300
-    assert list(budget.source) == list(error_budget.SOURCES) and budget.missed.sum() == 0
-    assert budget.deviation.shape == (3, 2, len(error_budget.SOURCES))
-    # All sources together are the trials of the ensembles.
-    for row, law in enumerate(("apollo", "stochastic")):
-        for column, trigger in enumerate(TRIGGERS):
-            error = errors(entry.ensemble("corrected", f"{law}_{trigger}"), 300)[:, 3]
-            assert budget.deviation[row, column, source("all")] == pytest.approx(error.std(ddof=1), rel=1e-12)
-
-
-def test_sources_add_up(entry):
-    """Sum of squares against all together; reversals mix them, most where the rest is small."""
-    budget = entry.error_budget()
-    together = np.sqrt((budget.deviation[..., :-1] ** 2).sum(axis=-1)) / budget.deviation[..., -1]
-    assert (together[[0, 2]] > 0.85).all() and (together[[0, 2]] < 1.15).all()
-    assert (together[1] > 0.6).all() and (together[1] < 1.15).all()
-
-
-def test_a_shift_along_the_ground_is_kept_without_corrections(entry):
-    """The downrange source alone, the nominal law: everybody lands as far off as he started."""
-    budget, inputs = entry.error_budget(), entry.stage_inputs("corrected", "error_budget")
-    states = flight.vehicles_of(
-        inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(budget.trials)
-    ).entry_state
-    shift = states[:, dispersions.LONGITUDE].std(ddof=1) * inputs.planet_radius
-    for column in range(2):
-        # The plane of flight shifts a little too; a reversal a second apart is worth a few hundred metres.
-        assert budget.deviation[2, column, source("downrange")] == pytest.approx(shift, rel=0.02)
-        assert budget.deviation[2, column, source("azimuth")] < 100.0
-
-
-def test_guidance_removes_most_of_every_large_source(entry):
-    deviation = entry.error_budget().deviation
-    uncorrected = deviation[2]
-    assert uncorrected[0].argsort()[-2] == source("flight path angle")  # after all together
-    for name in ("flight path angle", "downrange", "density", "aerodynamics"):
-        assert (deviation[:2, :, source(name)] < 0.5 * uncorrected[:, source(name)]).all()
-
-
-def test_uncorrected_density_error_is_that_of_the_linear_model(entry):
-    """Only the nominal profile of the bank against velocity: u = u(V)."""
-    model, budget = entry.linearization(), entry.error_budget()
-    gain = np.zeros((len(model.control), 5))
-    gain[:, 1] = model.bank_cosine_slope[:-1] * model.control.any(axis=1)
-    fine = system(model)
-    initial = np.zeros((5, 5))
-    initial[4, 4] = model.initial_covariance[4, 4]
-    final = propagate(fine, gain, initial).covariance[-1]
-    # Four standard errors of 300 trials, and a tenth for reversals and for what is not linear.
-    allowed = SIGMAS / np.sqrt(2 * budget.trials) + 0.1
-    assert budget.deviation[2, 0, source("density")] == pytest.approx(np.sqrt(final[3, 3]), rel=allowed)
-
-
-def test_nothing_is_below_the_floor(entry):
-    budget, gains = entry.error_budget(), entry.gains()
-    np.testing.assert_allclose(budget.floor**2, gains.noise_floor, rtol=1e-9)
-    error = SIGMAS / np.sqrt(2 * budget.trials)
-    for name in ("density", "all"):
-        assert (budget.deviation[:, :, source(name)] > budget.floor * (1 - error)).all()

@@ -55,7 +55,7 @@ def claim(name, printed, readings, kind="monte_carlo"):
         }
         for reading, (value, error, trials) in readings.items()
     }
-    lists = {"errata": [], "withheld": [], "close": None, "note": "", "size": "full"}
+    lists = {"errata": [], "choices": [], "close": None, "note": "", "size": "full"}
     row = {"paper": "powered_descent", "id": name, "kind": kind, "printed": printed, "resolution": None, "trials": None}
     return row | texts | lists | {"readings": rows}
 

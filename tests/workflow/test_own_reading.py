@@ -48,7 +48,7 @@ def test_an_own_reading_is_built_beside_the_others(small, tmp_path):
     small.works(f"report/claims/{GLIDE}.json", configfile=path)
     (row,) = read_claims(small.path(f"report/claims/{GLIDE}.json"))
     assert row.readings.keys() == {"corrected", "printed", "mine"}
-    assert small.plan(f"report/claims/{GLIDE}.json").rules == {"claims"}
+    assert small.plan(f"report/claims/{GLIDE}.json").rules == {"paper_claims"}
 
 
 def test_scattered_flights_are_those_of_one_job(small, tmp_path):

@@ -62,7 +62,7 @@ def test_every_product_of_the_catalogue_is_there_and_not_empty(copied):
     for slug in SLUGS:
         paper, folder = catalogue(slug), copied.path("figures") / slug
         names = [f"{stem}.{kind}" for stem in paper.figures for kind in ("png", "pdf")]
-        tables = [*paper.tables, *paper.summaries, "claims"]
+        tables = [*paper.tables, "claims"]
         names += [f"{stem}.{kind}" for stem in tables for kind in ("csv", "md")]
         assert {path.name for path in folder.glob("*.*")} == set(names)
         assert all((folder / name).stat().st_size > 100 for name in names)

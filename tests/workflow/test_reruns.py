@@ -28,7 +28,7 @@ PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
 STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
 SUMMARY = {"digests", "site"}
-JUDGED = {"claims", "counterexamples"}  # for each paper
+JUDGED = {"claims", "counterexamples", "universes"}  # for each paper
 CLAIMS = {*JUDGED, "all_claims", *SUMMARY}
 
 
@@ -82,7 +82,7 @@ def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
             kind, name, own = name.split(".")[0], f"{reading}/{name}", {**made.own, "needs": None}
         else:
             first, *middle, name = made.name.split("/")
-            paper = middle[0] if first == "figures" else name if middle else ""
+            paper = middle[0] if first == "figures" else name.removesuffix("_what_decides") if middle else ""
             kind = {"index": "site", "claims": "all_claims"}.get(name, name) if not middle else middle[0]
             if first == "figures":
                 kind = "comparison" if paper == "comparison" else "figure" if path.endswith("png") else "table"
@@ -226,7 +226,7 @@ def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(project):
         '"diverged: some iterate is not finite"',
     )
     plan = project.edited()
-    assert {job.kind for job in plan.changed} == {"fixed_point"}
+    assert {job.kind for job in plan.changed} == {"fixed_point", "universes"}
     assert plan.stages() == {"fixed_point"}
     assert plan.papers == {"powered_descent"}
     assert plan.kinds() <= {"fixed_point", "figure", "table", *CLAIMS}
@@ -350,7 +350,7 @@ def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(co
     changed = with_inputs(copied.folder, "powered_descent", "corrected", ellipse_sigma=2.5)
     copied.path(CONFIG).write_text(changed, encoding="utf-8")
     with_records = copied.plan("all")
-    drawn = {Path(name).stem for name in with_records.files if re.fullmatch(r"figures/.*\.png", name)}
+    drawn = {Path(name).stem for name in with_records.files if re.fullmatch(r"figures/\w+/\w+\.png", name)}
     assert drawn == {"fig02", "fig03"}
     shutil.rmtree(kept)
     assert copied.plan("all").outputs == with_records.outputs

@@ -67,7 +67,7 @@ def test_a_module_leaves_keys_files_and_targets_to_the_outer_workflow(tmp_path, 
         tmp_path, sys.executable, "-m", "snakemake", *targets, "-n", "--quiet", "host", "--cores", "1", *PROFILE
     )
     assert process.returncode == 0, process.stdout[-3000:]
-    for line in ("rule my_summary:", "rule marsedl_powered_descent_claims:", "report/claims/powered_descent.json"):
+    for line in ("rule my_summary:", "rule marsedl_paper_claims:", "report/claims/powered_descent.json"):
         assert line in process.stdout
     assert ("figures/powered_descent/mine/fig03.png" in process.stdout) == bool(config)
 
@@ -77,7 +77,7 @@ def test_another_folder_and_another_program_may_run_the_workflow(tmp_path):
     command = ["-s", str(ROOT / "Snakefile"), "report/claims/powered_descent.json", "-n", "--cores", "1", *PROFILE]
     process = run(tmp_path, sys.executable, "-c", f"from snakemake.cli import main; main({command!r})", "gale")
     assert process.returncode == 0, process.stdout[-3000:]
-    assert "powered_descent_claims" in process.stdout
+    assert "paper_claims" in process.stdout
 
 
 def test_verify_runs_the_python_of_snakemake():

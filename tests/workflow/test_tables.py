@@ -10,7 +10,7 @@ from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.records.tables import TYPES
 
 pytestmark = pytest.mark.workflow
-FOLDERS = {slug: {**catalogue(slug).tables, **catalogue(slug).summaries} for slug in SLUGS}
+FOLDERS = {slug: catalogue(slug).tables for slug in SLUGS}
 NAMES = [f"{folder}/{stem}" for folder, stems in (FOLDERS | {"comparison": comparisons()}).items() for stem in stems]
 NUMBERS = ("value", "standard_error", "printed")
 

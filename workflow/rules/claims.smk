@@ -2,31 +2,24 @@
 # counterexample, then all papers in one file, and a badge.
 
 
-# A rule for each paper: it has its own tables over all readings.
-for _paper, _summaries in [(slug, list(PAPERS[slug].summaries)) for slug in PAPERS]:
-
-    rule:
-        name:
-            f"{_paper}_claims"
-        input:
-            unpack(inputs("report/claims/{paper}.json")),
-        output:
-            claims="report/claims/{paper}.json",
-            csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
-            md="figures/{paper}/claims.md",
-            summaries=[f"figures/{{paper}}/{stem}.{suffix}" for stem in _summaries for suffix in ("csv", "md")],
-        log:
-            "logs/{paper}/claims.log",
-        benchmark:
-            "benchmarks/{paper}/claims.tsv"
-        wildcard_constraints:
-            paper=_paper,
-        conda:
-            "../envs/marsedl.yaml"
-        params:
-            made=made("report/claims/{paper}.json"),
-        script:
-            "../scripts/claims.py"
+rule paper_claims:
+    input:
+        unpack(inputs("report/claims/{paper}.json")),
+        points="report/points/{paper}.json",
+    output:
+        claims="report/claims/{paper}.json",
+        csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
+        md="figures/{paper}/claims.md",
+    log:
+        "logs/{paper}/claims.log",
+    benchmark:
+        "benchmarks/{paper}/claims.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/claims/{paper}.json"),
+    script:
+        "../scripts/claims.py"
 
 
 rule counterexamples:
@@ -52,6 +45,7 @@ rule claims:
         unpack(inputs("report/claims.json")),
         claims=expand("report/claims/{paper}.json", paper=PAPERS),
         counterexamples=expand("report/counterexamples/{paper}.json", paper=PAPERS),
+        universes=expand("report/universes/{paper}.json", paper=PAPERS),
     output:
         claims="report/claims.json",
         badge="report/badge.json",

@@ -16,7 +16,7 @@ from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
-from marsedl.replication.report.pages import site_files
+from marsedl.replication.report.pages import site_files, universe_pictures
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
 
@@ -78,10 +78,14 @@ def filled(pattern, wildcards):
     return pattern.format(**dict(wildcards.items()))
 
 
-def inputs(*products):
-    """What the job of some products takes: other products, files of the project, and one that is newer if it must run."""
+def inputs(*products, files=True):
+    """What the job of some products takes: other products, files of the project, and one that is newer if it must run.
 
-    def files(wildcards):
+    A job with temporary products takes no files: of products that are gone Snakemake knows no checksums of these, so that
+    by their times it would run again in every copy of a build.
+    """
+
+    def taken(wildcards):
         paths = [filled(product, wildcards) for product in products]
         job = RECIPES.job(paths[0])
         stale = any(RECIPES.is_stale(path, Path()) for path in paths)
@@ -91,13 +95,13 @@ def inputs(*products):
         shows_printed = job.own.get("printed") or job.own.get("published")
         return {
             "needs": list(job.needs),
-            "published": [source(f"data/published/{wildcards.paper}.yaml")] if shows_printed else [],
-            "measured": [source(BENCHMARKS)] if job.own.get("measured") else [],
+            "published": [source(f"data/published/{wildcards.paper}.yaml")] if files and shows_printed else [],
+            "measured": [source(BENCHMARKS)] if files and job.own.get("measured") else [],
             "files": [source(name) for name in job.own.get("files", ())],
             "changed": local(str(CHANGED) if stale else ancient(str(CHANGED))),
         }
 
-    return files
+    return taken
 
 
 def made(product, recorded=True):
@@ -144,13 +148,17 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 
 # --- universes
 
-HEADLINES = range(1, 1 + len(read_yaml(ROOT / f"data/published/{SLUGS[0]}.yaml").get("headline", ())))
+UNIVERSE_PICTURES = universe_pictures(len(read_yaml(ROOT / f"data/published/{SLUGS[0]}.yaml").get("headline", ())))
 
 
-def universe_chunks(wildcards):
-    """The files of all chunks of a paper's universes."""
-    chunks = STUDIES[wildcards.paper].universe_jobs
-    return [f"report/universes/{wildcards.paper}.{chunk}of{chunks}.h5" for chunk in range(chunks)]
+def universe_chunks(folder, suffix):
+    """The files of all chunks of a paper's universes, in a folder."""
+
+    def files(wildcards):
+        chunks = STUDIES[wildcards.paper].universe_jobs
+        return [f"{folder}/{wildcards.paper}.{chunk}of{chunks}.{suffix}" for chunk in range(chunks)]
+
+    return files
 
 
 # --- what `snakemake --report` shows

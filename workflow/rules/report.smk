@@ -24,8 +24,14 @@ rule report:
         benchmarks=source(BENCHMARKS),
         claims="report/claims.json",
         digests="report/digests.json",
+        universes=expand("report/universes/{paper}.h5", paper=PAPERS),
     output:
-        [f"report/{page}" for page in site_files({**{s: PAPERS[s].figures for s in PAPERS}, "comparison": COMPARISONS})],
+        [
+            f"report/{page}"
+            for page in site_files(
+                {**{s: [*PAPERS[s].figures, *UNIVERSE_PICTURES] for s in PAPERS}, "comparison": COMPARISONS}
+            )
+        ],
     log:
         "logs/report.log",
     benchmark:
@@ -34,8 +40,9 @@ rule report:
         "../envs/marsedl.yaml"
     params:
         made=made("report/index.html"),
+        project=source("."),
         artifacts=lambda wildcards: {
-            paper: {name: RECIPES.claimed(paper, name) for name in STUDIES[paper].compared} for paper in PAPERS
+            paper: {name: RECIPES.claimed(paper, name) for name in STUDIES[paper].built} for paper in PAPERS
         },
     script:
         "../scripts/report.py"

@@ -1,17 +1,18 @@
-# What decides every claim: a paper under all admissible answers to what is doubted about it, in chunks of universes that
-# are computed in one process each, and the table, the pictures and the judgement of all.
+# What decides every claim: a paper under all admissible answers to what is doubted about it. Chunks of universes are
+# computed in one process each and gathered in a table, from which claims are judged and pictures drawn.
 
 
 rule multiverse:
     input:
-        expand("report/universes/{paper}.h5", paper=PAPERS),
+        expand("report/universes/waves/{paper}.h5", paper=PAPERS),
 
 
 rule universes_chunk:
     input:
-        unpack(inputs("report/universes/{paper}.h5")),
+        unpack(inputs("report/universes/{paper}.h5", files=False)),
     output:
-        temp("report/universes/{paper}.{chunk}of{chunks}.h5"),
+        table=temp("report/universes/{paper}.{chunk}of{chunks}.h5"),
+        points=temp("report/points/{paper}.{chunk}of{chunks}.json"),
     log:
         "logs/{paper}/universes.{chunk}of{chunks}.log",
     benchmark:
@@ -27,17 +28,12 @@ rule universes_chunk:
 
 rule universes:
     input:
-        unpack(inputs("report/universes/{paper}.h5")),
-        chunks=universe_chunks,
+        unpack(inputs("report/universes/{paper}.h5", files=False)),
+        chunks=universe_chunks("report/universes", "h5"),
+        points=universe_chunks("report/points", "json"),
     output:
         table="report/universes/{paper}.h5",
-        judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
-        effects=expand("figures/{{paper}}/universes/effects.{suffix}", suffix=("csv", "md")),
-        pictures=[
-            "figures/{paper}/universes/heat_map.png",
-            "figures/{paper}/universes/closing_in.png",
-            *expand("figures/{{paper}}/universes/headline_{n}_{of}.png", n=HEADLINES, of=("values", "choices")),
-        ],
+        points="report/points/{paper}.json",
     log:
         "logs/{paper}/universes.log",
     benchmark:
@@ -46,6 +42,46 @@ rule universes:
         "../envs/marsedl.yaml"
     params:
         made=made("report/universes/{paper}.h5"),
-        project=source("."),
     script:
         "../scripts/universes.py"
+
+
+rule waves:
+    input:
+        unpack(inputs("report/universes/{paper}.h5", files=False)),
+        table="report/universes/{paper}.h5",
+    output:
+        "report/universes/waves/{paper}.h5",
+    log:
+        "logs/{paper}/waves.log",
+    benchmark:
+        "benchmarks/{paper}/waves.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/universes/{paper}.h5", recorded=False),
+        project=source("."),
+    script:
+        "../scripts/waves.py"
+
+
+rule what_decides:
+    input:
+        unpack(inputs("report/universes/{paper}.json")),
+        table="report/universes/{paper}.h5",
+    output:
+        standings="report/universes/{paper}.json",
+        judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
+        effects=expand("figures/{{paper}}/universes/effects.{suffix}", suffix=("csv", "md")),
+        pictures=[f"figures/{{paper}}/{picture}.png" for picture in UNIVERSE_PICTURES],
+    log:
+        "logs/{paper}/what_decides.log",
+    benchmark:
+        "benchmarks/{paper}/what_decides.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/universes/{paper}.json"),
+        project=source("."),
+    script:
+        "../scripts/what_decides.py"

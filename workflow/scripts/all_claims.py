@@ -1,14 +1,18 @@
-"""Join the claims of all papers with their counterexamples, and count their verdicts on a badge."""
+"""Join the claims of all papers with counterexamples and what universes say, and count their verdicts on a badge."""
 
-from marsedl.replication.claims.rows import read_claims, read_counterexamples, write_claims
+from marsedl.replication.claims.rows import read_claims, read_counterexamples, read_standings, write_claims
 from marsedl.replication.files import write_json
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.report.front_page import badge
 
 with guarded(snakemake):
     rows = []
-    for claims, counterexamples in zip(snakemake.input.claims, snakemake.input.counterexamples, strict=True):
-        turned = read_counterexamples(counterexamples)
-        rows += [row.model_copy(update={"counterexample": turned.get(row.id)}) for row in read_claims(claims)]
+    files = snakemake.input
+    for claims, *beside in zip(files.claims, files.counterexamples, files.universes, strict=True):
+        turned, standings = read_counterexamples(beside[0]), read_standings(beside[1])
+        rows += [
+            row.model_copy(update={"counterexample": turned.get(row.id), "universes": standings.get(row.id)})
+            for row in read_claims(claims)
+        ]
     write_claims(rows, snakemake.output.claims)
     write_json(badge(rows), snakemake.output.badge)

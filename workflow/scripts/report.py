@@ -8,14 +8,16 @@ from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.report import assembly
 from marsedl.replication.report.pages import build_site
+from marsedl.replication.universes.judging import judge_of
 
 with guarded(snakemake) as job:
     claims, benchmarks = read_claims(snakemake.input.claims), Path(snakemake.input.benchmarks)
-    papers = [
-        assembly.paper_report(
-            catalogue(slug), input_model(slug), readings, claims, snakemake.params.artifacts[slug], benchmarks
+    project, papers = Path(snakemake.params.project).resolve(), []
+    for (slug, readings), universes in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
+        given = catalogue(slug), input_model(slug)
+        judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes)
+        papers.append(
+            assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], benchmarks, judge)
         )
-        for slug, readings in job.made["readings"].items()
-    ]
     around = assembly.environment(job.made["size"], Path(snakemake.input.digests))
     build_site(Path(snakemake.output[0]).parent, papers, around, comparisons())

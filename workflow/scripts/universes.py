@@ -1,25 +1,13 @@
-"""Join the universes of a paper, judge its claims by them, and draw what decides them."""
+"""Join the chunks of a paper's universes, and of its named readings."""
 
-from pathlib import Path
-
-from marsedl.papers import catalogue, input_model
-from marsedl.plotting.style import save_figure
-from marsedl.plotting.universes import pictures
+from marsedl.replication.claims.rows import read_evaluations, write_evaluations
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records import store
-from marsedl.replication.records.tables import write_table
-from marsedl.replication.universes.judging import Judge
-from marsedl.replication.universes.table import Evaluator, Universes, gathered
-from marsedl.replication.universes.tabulating import claims_table, effects_table
+from marsedl.replication.universes.table import Universes, gathered, world_of
 
 with guarded(snakemake) as job:
-    output = snakemake.output
-    project = Path(snakemake.params.project).resolve()
-    evaluator = Evaluator.of(catalogue(job.paper), input_model(job.paper), project, job.made["size"])
+    points = {name: of for path in snakemake.input.points for name, of in read_evaluations(path).items()}
+    write_evaluations({name: points[name] for name in job.made["points"]}, snakemake.output.points)
     table = gathered([store.load(path, Universes, paper=job.paper) for path in snakemake.input.chunks])
-    judge = Judge(table, evaluator.study.choices, list(evaluator.published.values()))
-    write_table(claims_table(judge), *output.judged)
-    write_table(effects_table(judge), *output.effects)
-    for picture, path in zip(pictures(judge), output.pictures, strict=False):
-        save_figure(picture, path)
-    store.save(output.table, table, paper=job.paper, reading="universes", provenance={"size": job.made["size"]})
+    provenance = {"size": job.made["size"], "world": world_of(job.made)}
+    store.save(snakemake.output.table, table, paper=job.paper, reading="universes", provenance=provenance)

@@ -509,6 +509,7 @@ class Program:
         *,
         same_branch: Callable[[Solution, Solution], bool] = lambda before, after: True,
         smallest_step=1e-3,
+        retries=True,
         on_step: Callable[[Solution], None] = lambda solution: None,
         **options,
     ) -> list[Solution]:
@@ -519,6 +520,7 @@ class Program:
             name: the parameter. values: its target values, in order.
             same_branch: whether a solution belongs to the branch of the one before it.
             smallest_step: share of the step between two target values at which the branch is taken to end.
+            retries: whether a value at which another branch was found is tried again from nearer, before the last step.
             on_step: called with every solution on the branch, those in between included.
             options: of `solve`; barrier 1e-4 unless given.
 
@@ -535,18 +537,24 @@ class Program:
         solutions, last = [], start
         for target in values:
             position = origin = last.given[name]
-            step, beyond = target - origin, None
+            step, beyond, jumped = target - origin, None, np.inf
             while position != target:
                 trial = target if abs(target - position) <= abs(step) else position + step
+                can_halve = abs(trial - position) > smallest_step * abs(target - origin)
+                if can_halve and abs(trial - origin) >= jumped:  # a step to there has left the branch
+                    step = (trial - position) / 2.0
+                    continue
                 try:
                     beyond = self.solve(last, {**start.given, name: trial}, **options)
                 except NotConvergedError:
                     beyond = None
                 if beyond is not None and same_branch(last, beyond):
                     last, position, step = beyond, trial, 2.0 * step
+                    jumped = jumped if abs(trial - origin) < jumped else np.inf
                     on_step(last)
-                elif abs(trial - position) > smallest_step * abs(target - origin):
+                elif can_halve:
                     step = (trial - position) / 2.0
+                    jumped = jumped if retries or beyond is None else abs(trial - origin)
                 else:
                     raise BranchEndError(name, position, trial, last, beyond)
             solutions.append(last)

@@ -1,9 +1,12 @@
 """One look for all figures, and files that are the same bytes whenever they are drawn from the same numbers."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.image
+import numpy as np
 from matplotlib.figure import Figure
 
 # A colour-blind safe set (Okabe and Ito 2008).
@@ -64,3 +67,19 @@ def save_figure(figure: Figure, *paths: str | Path) -> None:
             backend_pdf.FigureCanvasPdf(figure).print_pdf(path, metadata={"CreationDate": None})
         else:
             backend_agg.FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+
+
+def save_side_by_side(figures: Mapping[str, Figure], path: str | Path) -> None:
+    """Write figures beside each other as one PNG, each below its title."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    images = []
+    for title, figure in figures.items():
+        figure.suptitle(title)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        images.append(np.asarray(canvas.buffer_rgba())[..., :3])
+    height = max(image.shape[0] for image in images)
+    padded = [np.pad(i, ((0, height - len(i)), (0, 0), (0, 0)), constant_values=255) for i in images]
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    mpl.image.imsave(path, np.hstack(padded))

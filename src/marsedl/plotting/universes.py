@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
 from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
-from marsedl.replication.inputs.choices import Choice, Value
+from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import VERDICTS
 from marsedl.replication.universes.waves import Matching, Wave
@@ -14,11 +14,6 @@ from marsedl.replication.universes.waves import Matching, Wave
 COLOURS = {"reproduced or holds": BLUE, "undetermined": GREY, "differs or fails": VERMILION}
 SHOWN = 6  # choices below a specification curve
 LARGEST_SIZE = 30.0  # of a change in the heat map's colours
-
-
-def in_words(name: object) -> str:
-    """Return a name, or the number of a range, as a label."""
-    return f"{name:.3g}" if isinstance(name, float) else str(name).replace("_", " ")
 
 
 def specification_curve(judge: Judge, claim: str, title: str = ""):
@@ -158,7 +153,7 @@ def pictures(judge: Judge) -> list:
     """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
     matching = Matching(judge.choices, list(judge.published.values()))
     drawn = [heat_map(judge, [str(claim) for claim in judge.table.claim])]
-    drawn.append(closing_in([matching.wave(judge.table, 0)[0]], matching.varied))
+    drawn.append(closing_in(matching.waves(judge.table), matching.varied))
     for claim in matching.headlines:
         if claim.id in judge.table.claim:
             drawn += [specification_curve(judge, claim.id, claim.plain), tornado(judge, claim.id, claim.plain)]

@@ -9,7 +9,7 @@ from marsedl.replication.inputs import CORRECTED
 from marsedl.results.builds import find
 
 # Columns of `verdicts` that are fields of a claim, of its margin and of its counterexample.
-_CLAIM = ("kind", "where", "quantity", "reading", "verdict", "errata", "withheld", "thin")
+_CLAIM = ("kind", "where", "quantity", "reading", "verdict", "errata", "choices", "thin")
 _MARGIN = ("measure", "value", "limit", "unit", "distance", "scale")
 _COUNTEREXAMPLE = ("change", "of", "amount", "to")
 
@@ -31,9 +31,9 @@ def verdicts(build: str | Path | None = None) -> pd.DataFrame:
     """Return every claim of all papers in one row: its verdict, what decides it, and what turns it.
 
     Columns: paper, claim, kind, where and quantity (what is printed, and where), reading (which gives the verdict),
-    verdict, errata and withheld (lists of names that explain a difference), thin; of the margin measure, value, limit,
-    unit, distance and distance_in; of the counterexample change, of, amount, to. `docs/schemas/claims.json` says what
-    they mean. Missing values are NaN: claims that are not counted have no margin and no counterexample.
+    verdict, errata and choices (lists of names that may explain a difference), thin; of the margin measure, value,
+    limit, unit, distance and distance_in; of the counterexample change, of, amount, to. `docs/schemas/claims.json` says
+    what they mean. Missing values are NaN: claims that are not counted have no margin and no counterexample.
 
     Raises InputError if there is no such build, ArtifactError if its report/claims.json is missing or damaged.
     """
@@ -41,7 +41,7 @@ def verdicts(build: str | Path | None = None) -> pd.DataFrame:
     for row in read_claims(find(build).folder / "report" / "claims.json"):
         parts = ((row, _CLAIM), (row.result.margin, _MARGIN), (row.counterexample, _COUNTEREXAMPLE))
         cells = {name: getattr(part, name, None) for part, names in parts for name in names}
-        lists = {"errata": list(row.errata), "withheld": list(row.withheld)}
+        lists = {"errata": list(row.errata), "choices": list(row.choices)}
         rows.append({"paper": row.paper, "claim": row.id} | cells | lists)
     return pd.DataFrame(rows).rename(columns={"scale": "distance_in"})
 
@@ -69,7 +69,7 @@ def universes(paper: str, build: str | Path | None = None) -> pd.DataFrame:
     component, value, standard_error, limit (what is printed, or the limit of a statement), verdict, cause ("result", or
     why there is no verdict).
 
-    Raises InputError if there is no such paper, ArtifactError if the table is not built: `snakemake multiverse`.
+    Raises InputError if there is no such paper, ArtifactError if the table is not built.
     """
     from marsedl.replication.records import store
     from marsedl.replication.universes.designs import DESIGNS

@@ -283,6 +283,38 @@ def test_an_unexplained_verdict_is_not_accepted(project, capsys):
     assert reference_of(project) == before
 
 
+def test_a_verdict_that_turns_gets_a_row_on_the_page_of_verdicts(project, capsys):
+    """Newest first; only of `corrected`, only in the committed reference, and not of a claim that is new."""
+    page = project / reference.TURNED
+    page.parent.mkdir()
+    table = f"{reference.TURNED_MARKER}\n\n| claim | before | after | why |\n|---|---|---|---|\n"
+    below = "| powered_descent, `fuel` | holds | fails | an old one |\n\nWhat stands below.\n"
+    page.write_text(f"# Verdicts\n\n{table}{below}", encoding="utf-8")
+    assert cli.main(["accept"]) == 0
+    assert str(page) not in capsys.readouterr().out
+    own = project, project, owned(), project / "own"
+    reference.accept_reference(*own)
+    claim(project, 1349.4, verdict="close", printed="fails", names=("final_mass", "fuel"))
+    reference.accept_reference(*own)
+    assert page.read_text(encoding="utf-8").endswith(table + below)
+    assert cli.main(["accept"]) == 0
+    assert f"wrote {page}" in capsys.readouterr().out
+    row = "| powered_descent, `final_mass` | differs | close | why not said yet: write it here |\n"
+    assert page.read_text(encoding="utf-8") == f"# Verdicts\n\n{table}{row}{below}"
+    written = "| powered_descent, `fuel` | close | – | written before it was accepted |\n"
+    page.write_text(f"{table}{written}{row}{below}", encoding="utf-8")
+    claim(project, 1349.4, verdict="differs")
+    assert cli.main(["accept"]) == 0
+    back = "| powered_descent, `final_mass` | close | differs | why not said yet: write it here |\n"
+    assert page.read_text(encoding="utf-8") == f"{table}{back}{written}{row}{below}"
+    page.write_text("# Verdicts\n", encoding="utf-8")
+    claim(project, 1349.4, verdict="close")
+    before = reference_of(project)
+    assert cli.main(["accept"]) == 2
+    assert "docs/verdicts.md has no table below" in capsys.readouterr().err
+    assert reference_of(project) == before
+
+
 @pytest.mark.parametrize(
     ("content", "problem"),
     [

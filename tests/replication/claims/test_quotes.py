@@ -129,13 +129,12 @@ def test_all_texts_of_a_paper_are_filled_and_a_wrong_one_is_named():
         *("toy", "", "", ""),
         figures={"fig01": Product("{mass:.0f} kg")},
         tables={"tab01": Product("{euler.mass:.0f} kg")},
-        summaries={"readings": "{mean[0]:.0f} m"},
         described={"fig01": "{mass.printed} kg"},
         errata=(Erratum("E1", "{mass.printed} kg", "{mass:.1f} kg", "{mass:.2f} kg"),),
     )
     filled = with_numbers(paper, QUOTES)
     assert (filled.figures["fig01"].caption, filled.tables["tab01"].caption) == ("1349 kg", "1355 kg")
-    assert (filled.summaries, filled.described) == ({"readings": "100 m"}, {"fig01": "1346 kg"})
+    assert filled.described == {"fig01": "1346 kg"}
     assert filled.errata == (Erratum("E1", "1346 kg", "1349.4 kg", "1349.44 kg"),)
     wrong = replace(paper, errata=(Erratum("E1", "", "{mas}", ""),))
     with pytest.raises(InputError, match=r"^toy: errata\.E1\.evidence: .*did you mean 'mass'"):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Doubt, Margin, Result, Tolerance
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Doubt, Result, Tolerance
 from marsedl.replication.claims.numbers import format_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.rows import read_claims, summary, write_claims
@@ -366,52 +366,35 @@ def test_rows_show_the_default_reading_first_and_keep_every_reading():
     assert mean.reason.endswith("; 50.0 m.")
 
 
-def test_readings_can_be_compared_at_equal_numbers_of_trials():
-    mean = next(claim for claim in CLAIMS if claim.id == "mean")
-    large = readings()["corrected"]["mean"]
-    small = replace(large, trials=large.trials // 2)
-    compared = large.compared_by(small)
-    rows = collect(CLAIMS, DECLARED, {**readings(), "corrected": evaluations(mean=compared)})
-    results = next(row for row in rows if row.id == mean.id).readings
-    assert results["corrected"].at_equal_trials.trials == small.trials
-    assert results["printed"].at_equal_trials is None
-    judged = judge(mean, small, DECLARED["mean"])
-    assert results["corrected"].at_equal_trials.margin == judged.margin != results["corrected"].margin
-    assert large.compared_by(large) == large
-
-
-def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
-    def at_equal_trials(value, scale):
-        margin = Margin(measure="growth", value=0.2, limit=1.0, unit="", distance=8.0, scale=scale, standard_error=0.1)
-        large = Evaluation(True, trials=1000, evidence="0.2", margin=margin)
-        small = replace(large, trials=100, margin=margin.model_copy(update={"value": value, "distance": 2.0}))
-        return large.compared_by(small).at_equal_trials
-
-    assert at_equal_trials(0.21, "standard errors").margin.value == 0.21
-    assert at_equal_trials(0.2, "limits").trials == 100
-    assert at_equal_trials(0.2, "standard errors") is None
-
-
 def evaluations_of(name, **options):
     return {name: replace(evaluations()[name], **options)}
 
 
 @pytest.mark.parametrize(
     "declaration",
-    [None, Declaration(), Declaration("It just differs."), Declaration("", ("E1",)), Declaration(" ", withheld=("h",))],
+    [None, Declaration(), Declaration("It just differs."), Declaration("", ("E1",)), Declaration(" ", choices=("h",))],
 )
 @pytest.mark.parametrize("name", ["mass", "converges"])
-def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(name, declaration):
+def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_choice(name, declaration):
     published = [c for c in CLAIMS if c.id == name]
     bad = Evaluation(1300.0) if name == "mass" else Evaluation(False, evidence="factor 1.2.")
     declared = {} if declaration is None else {name: declaration}
     with pytest.raises(InputError, match=rf"claim {name}: .*without a reason"):
         collect(published, declared, {"corrected": {name: bad}})
-    for good in (Declaration("Because.", ("E1",)), Declaration("Because.", withheld=("the step",))):
+    for good in (Declaration("Because.", ("E1",)), Declaration("Because.", choices=("step",))):
         assert collect(published, {name: good}, {"corrected": {name: bad}})[0].verdict in ("differs", "fails")
     # only the verdict that is shown first must be explained
     fine = evaluations_of(name)
     assert collect(published, declared, {"corrected": fine, "printed": {name: bad}})
+
+
+def test_a_claim_without_a_reason_says_which_choices_it_depends_on():
+    named, silent = Declaration(choices=("noise_unit", "step")), Declaration("Because.", choices=("step",))
+    reasons = [
+        collect([CLAIMS[0]], {"mass": declared}, {"corrected": evaluations_of("mass")})[0].reason
+        for declared in (named, silent)
+    ]
+    assert reasons == ["Depends on noise unit, step.", "Because."]
 
 
 def test_a_reason_has_dashes_for_numbers_that_a_smaller_size_does_not_build():

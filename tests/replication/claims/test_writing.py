@@ -75,7 +75,7 @@ def absent(flights: Ensemble) -> Absent:
     raise Fails("no law", flights.trials)
 
 
-@claim("Because of {spread:.1f}.", errata="E1 E2", withheld="the unit")
+@claim("Because of {spread:.1f}.", errata="E1 E2", choices="unit")
 def mean_mass(vehicle: Vehicle, shared: Mean):
     return measured(vehicle.mass, spread=float(shared))
 
@@ -166,27 +166,6 @@ def test_claims_are_given_sections_artifacts_and_shared_measures_once(evaluation
     assert (values["low"].value, values["high"].value) == (8, -8)
     assert values["stated"].value == 3.0
     assert [flights] == CALLS  # for two claims
-
-
-def test_readings_with_more_trials_are_evaluated_once_more_from_as_many_as_the_others(monkeypatch):
-    claims = Claims(package(monkeypatch, heaviest), ToyInputs)
-    records = {
-        "few": {"landings": Landings(np.arange(10.0).reshape(2, 5), 1.0)},
-        "many": {"landings": Landings(np.arange(20.0).reshape(2, 10), 2.0)},
-        "large": {
-            "landings": Landings(np.arange(10.0).reshape(2, 5), 1.0),
-            "landings_large": Landings(np.arange(80.0).reshape(2, 40), 3.0),
-        },
-    }
-    readings = {name: Arguments(VALUES, lambda case, kind, of=of: of.get(case)) for name, of in records.items()}
-    CALLS.clear()
-    found = {name: of["heaviest"] for name, of in claims.of_readings(readings, {}).items()}
-    assert [evaluation.trials for evaluation in found.values()] == [5, 10, 40]
-    assert len(CALLS) == 5, "once in every reading, and once more in those with more trials"
-    assert found["few"].at_equal_trials is None
-    many, large = found["many"].at_equal_trials, found["large"].at_equal_trials
-    assert (many.trials, many.value, many.numbers["mean"]) == (5, 14.0, 2.0), "what is stored of all stays"
-    assert (large.trials, large.value) == (5, 9.0)
 
 
 def test_the_largest_ensemble_is_taken_where_there_is_one(evaluations):

@@ -55,7 +55,7 @@ def refused(path, *fragments) -> str:
     return message
 
 
-TRIALS = "    ensemble: {trials: 200, large_trials: 3000, companion_trials: 3000, drawn_trials: 20}\n"
+TRIALS = "    ensemble: {trials: 200, large_trials: 3000, drawn_trials: 20}\n"
 SMOKE = "  smoke:\n    readings: [printed, "
 
 
@@ -157,7 +157,7 @@ def test_every_reading_of_the_project_is_complete_and_sourced():
 def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone():
     full, smoke = (load_study("powered_descent", MODEL, ROOT, size=size).readings for size in ("full", "smoke"))
     assert full["corrected"].inputs.ensemble.trials > smoke["corrected"].inputs.ensemble.trials == 200
-    assert {size["plus_sign"].inputs.ensemble.companion_trials for size in (full, smoke)} == {0}
+    assert {size["printed"].inputs.ensemble.large_trials for size in (full, smoke)} == {0}
     for name in full:
         assert full[name].sources == smoke[name].sources
         assert full[name].inputs.planet.gravity == smoke[name].inputs.planet.gravity
@@ -171,15 +171,30 @@ def test_a_size_limits_every_number_of_a_list(tmp_path):
     assert expected.max() < full["corrected"].inputs.mission.final_mean.max()
 
 
-def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tmp_path):
+def test_printed_corrected_and_a_users_readings_are_files_and_a_size_may_leave_out_points():
     mine = {"powered_descent": {"readings": {"mine": {"based_on": "corrected"}}}}
     full, smoke = (
         load_studies({"powered_descent": MODEL}, ROOT, {**mine, "size": size})["powered_descent"]
         for size in ("full", "smoke")
     )
-    assert set(full.compared) == set(full.readings) == set(smoke.readings)
-    assert {"printed", "corrected", "mine"} <= set(smoke.compared) < set(full.compared)
-    assert "plus_sign" in set(full.compared) - set(smoke.compared)
+    assert {"printed", "corrected", "mine"} == set(full.built) == set(smoke.built)
+    assert set(full.readings) == set(smoke.readings) == {*full.built, *full.points}
+    assert "plus_sign" in set(full.points) - set(smoke.points)
+
+
+def test_a_user_may_add_a_choice_and_a_value_of_one():
+    windy = {"asks": "How strong is gravity?", "because": "withheld"}
+    moon = {"planet": {"gravity": {"value": 1.62, "source": "assumed: another planet"}}}
+    mine = {"gravity": {**windy, "values": {"mars": {}, "moon": moon}}}
+    thrust = {
+        "noise": {"source": "assumed: mine", "thrust_unit": {"value": 7.0}, "coefficient_unit": {"value": "other"}}
+    }
+    mine["noise_unit"] = {"asks": "?", "because": "withheld", "values": {"mine": thrust}}
+    study = load_study("powered_descent", MODEL, ROOT, choices=mine)
+    assert {"newton", "mine"} <= set(study.choices.by_name["noise_unit"].alternatives)
+    assert study.choices.by_name["noise_unit"].asks != "?"
+    assert study.universe({"gravity": "moon"}).inputs.planet.gravity == 1.62
+    assert study.universe({"noise_unit": "mine"}).inputs.noise.thrust_unit == 7.0
 
 
 def test_slices_hold_what_is_asked_in_the_order_of_names():

@@ -14,7 +14,6 @@ import pytest
 from marsedl.replication.errors import MarsedlError, SolverError
 from marsedl.replication.inputs.sections import Number, Section, given, vector
 from marsedl.replication.pipeline import jobs, numerics
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.records import fields, store
@@ -144,22 +143,6 @@ def test_arguments_are_loaded_by_annotation(build):
     assert [thing.value[0] for thing in loaded["chunks"]] == [0.0, 1.0, 2.0]
 
 
-def test_many_artifacts_come_as_one_dataclass(build):
-    @dataclass(frozen=True)
-    class Records(Artifacts):
-        one: Thing
-        maybe: Thing | None = None
-
-    def evaluate(records: Records):
-        """Only its annotations are read."""
-
-    evaluate.__annotations__["records"] = Records
-    Records.__annotations__.update(one=Thing, maybe=Thing | None)
-    records = jobs.Job(job_of(build, files=[save_thing("one")])).given().of(evaluate)["records"]
-    np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
-    assert records.maybe is None
-
-
 def test_an_artifact_of_another_reading_is_refused(build):
     def stage(one: Thing):
         """Only its annotations are read."""
@@ -227,6 +210,13 @@ def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, c
         np.testing.assert_array_equal(stored, [[0.0, 1 / 3], [0.5, np.nan]])
     else:
         assert "(its last iterate could not be saved: Is a directory)" in message
+
+
+def test_a_solver_without_an_iterate_keeps_none(tmp_path, pinned, capsys):
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise SolverError("nominal: there is no solution", {})
+    assert "job gains: nominal: there is no solution\n" in capsys.readouterr().err
+    assert not (tmp_path / "logs" / "gains.iterate.csv").exists()
 
 
 def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):

@@ -25,8 +25,6 @@ figures:
 tables:
   tab01:
     caption: Ends.
-over_readings:
-  readings: What each reading gives.
 errata:
   E1:
     printed: 'Eq. 1: up'
@@ -47,7 +45,6 @@ def test_a_catalogue_has_the_figures_tables_and_errata_that_have_words(tmp_path)
     assert paper.figures["fig01"].claims == ("altitude_falls",) and paper.figures["fig02"].claims == ()
     assert paper.described == {"fig01": "The altitude over time."}
     assert paper.tables["tab01"].caption == "Ends." and not paper.tables["tab01"].beyond
-    assert paper.summaries == {"readings": "What each reading gives."}
     (erratum,) = paper.errata
     assert (erratum.id, erratum.printed, erratum.used) == ("E1", "Eq. 1: up", "down")
 
@@ -57,8 +54,8 @@ def test_a_catalogue_has_the_figures_tables_and_errata_that_have_words(tmp_path)
     [
         ("    shows: >-", "    show: >-", r"texts\.yaml:4: figures\.fig01\.show: unknown key.*'shows'"),
         ("    caption: Ends.", "    beyond: true", r"tables\.tab01: the key 'caption' is missing"),
-        ("    used: down", "    used: 3", r"texts\.yaml:20: errata\.E1\.used: Input should be a valid string"),
-        ("over_readings:", "overreadings:", r"overreadings: unknown key.*'over_readings'"),
+        ("    used: down", "    used: 3", r"texts\.yaml:18: errata\.E1\.used: Input should be a valid string"),
+        ("errata:", "erata:", r"erata: unknown key.*'errata'"),
         ("caption: Altitude.", "caption: ''", r"texts\.yaml:3: figures\.fig01\.caption: .*at least 1"),
         (
             "caption: Altitude.",
@@ -96,7 +93,7 @@ def test_figures_name_claims_that_there_are(slug):
 def test_the_words_of_every_paper_are_sentences_without_slips_of_wrapping(slug):
     paper = catalogue(slug)
     texts = [product.caption for product in (*paper.figures.values(), *paper.tables.values())]
-    texts += [*paper.described.values(), *paper.summaries.values()]
+    texts += paper.described.values()
     assert all(text.endswith(".") for text in texts)
     assert not [text for text in texts if "  " in text or "\n" in text]
 

@@ -1,18 +1,24 @@
 """Universes of a paper: those that are computed are what its readings and the workflow compute."""
 
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from marsedl.papers import catalogue, input_model
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.plotting.style import save_side_by_side
 from marsedl.replication.errors import InputError
+from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.store import content_digest
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, design, part
 from marsedl.replication.universes.judging import Judge
-from marsedl.replication.universes.table import CAUSES, Evaluator, gathered, tabulated
+from marsedl.replication.universes.table import CAUSES, Evaluator, chunk_of, gathered, tabulated
 from marsedl.replication.universes.tabulating import claims_table, effects_table
-from marsedl.replication.universes.what_if import changes_of, what_if
+from marsedl.replication.universes.what_if import changes_of, drawn, what_if
 
 ROOT = Path(__file__).parents[3]
 SLUG = "powered_descent"
@@ -58,7 +64,7 @@ def test_a_universe_is_the_same_after_others_and_memory_stays_flat(evaluator):
 
 
 def test_chunks_give_the_table_of_one_process_and_what_fails_takes_only_its_claims_along(evaluator):
-    universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"boundary_condition": "eq_46"})]
+    universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"equation_46": "printed"})]
     whole = tabulated(evaluator, universes)
     parts = gathered([tabulated(evaluator, part(universes, chunk, 2)) for chunk in range(2)])
     assert content_digest(whole) == content_digest(parts)
@@ -91,12 +97,48 @@ def test_what_if_names_what_moves_and_refuses_what_does_not_exist(evaluator):
         what_if(evaluator, {}, {"simulation.command_interval": 0.01})
 
 
-def test_every_paper_with_choices_has_its_readings_at_values_of_them():
-    for slug in ("powered_descent", "random_field", "stochastic_entry"):
+def test_a_figure_is_drawn_of_both(evaluator, tmp_path):
+    figures = drawn(evaluator, "fig07", {"noise_unit": "newton"}, {})
+    assert list(figures) == ["corrected", "noise_unit = newton"]
+    save_side_by_side(figures, tmp_path / "deep" / "fig07.png")
+    with Image.open(tmp_path / "deep" / "fig07.png") as image:
+        assert image.width > 1.8 * image.height
+    with pytest.raises(InputError, match="did you mean 'fig07'"):
+        drawn(evaluator, "fig7", {}, {})
+
+
+def test_every_paper_has_its_readings_at_values_of_them():
+    for slug in SLUGS:
         choices = Evaluator.of(catalogue(slug), input_model(slug), ROOT).study.choices
         assert choices and all(one.corrected is not None for one in choices)
-        assert all(one.printed is not None for one in choices if one.erratum)
+        assert all(one.printed is not None for one in choices if one.erratum and not one.only_if)
         errata = {erratum.id for erratum in catalogue(slug).errata}
         assert {one.erratum for one in choices if one.erratum} <= errata
         universes = design(choices, 8)
         assert len({one.number for one in universes}) == len(universes)
+
+
+def test_named_readings_are_evaluated_beside_their_universes_in_any_number_of_chunks(evaluator):
+    study = evaluator.study
+    assert study.assignment_of("target4") == {"downrange_target_variance": "four"}
+    small = copy(evaluator)
+    small.study = replace(study, points=("printed_eq46", "plus_sign"))
+    limited = study.resolver.limited(
+        study.readings["plus_sign"], {"ensemble": {"large_trials": 1.0, "trials": 50.0}}, Place("size")
+    )
+    small.study = replace(small.study, readings={**study.readings, "plus_sign": limited})
+    universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"noise_unit": "newton"})]
+    table, points = zip(*(chunk_of(small, universes, chunk, 2, "") for chunk in range(2)), strict=True)
+    assert [list(found) for found in points] == [["printed_eq46"], ["plus_sign"]]
+    assert repr(points[1]["plus_sign"]) == repr(small.point("plus_sign")), "NaN equals no NaN"
+    assert content_digest(gathered(table)) == content_digest(tabulated(evaluator, universes))
+
+
+def test_every_erratum_that_changes_an_input_is_kept_by_itself():
+    """In a full build for three papers; for the others, whose universes are dear, with `--config universes=...`."""
+    for slug in SLUGS:
+        for config, allowed in (({}, {"desensitized": {"E7", "E16"}}), ({"universes": 8}, {})):
+            study = load_studies({slug: input_model(slug)}, ROOT, config)[slug]
+            moved = {name for one in design(study.choices, *study.designs) for name in one.assignment}
+            kept = {one.erratum for one in study.choices if one.name in moved}
+            assert {one.erratum for one in study.choices if one.erratum} - kept <= allowed.get(slug, set()), slug

@@ -1,12 +1,15 @@
 """Universes of a small paper whose answers are known in closed form."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
 
+from marsedl.replication.checks.universes import accept_universes, changed, compare_universes
+from marsedl.replication.claims.claim import Claim, Result
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.choices import of_written
@@ -14,7 +17,11 @@ from marsedl.replication.inputs.messages import Place, checked
 from marsedl.replication.inputs.sections import Inputs, Number, Section, given
 from marsedl.replication.inputs.sources import Source
 from marsedl.replication.inputs.written import configuration
+from marsedl.replication.pipeline.catalogue import Erratum
+from marsedl.replication.records import store
+from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.universes.designs import Universe, one_at_a_time, space_filling
+from marsedl.replication.universes.joint import answer, joint
 from marsedl.replication.universes.judging import Judge, cause_of, correlation_ratio, wilson
 from marsedl.replication.universes.table import Outcome, Row, gathered, table_of
 from marsedl.replication.universes.waves import Matching, emulated
@@ -181,6 +188,33 @@ def test_indices_against_the_closed_form(judge):
     assert correlation_ratio(x[np.newaxis], (x * 4).astype(int))[0] == pytest.approx(15 / 16, rel=1e-6)
 
 
+def test_a_page_says_what_an_erratum_changes_and_what_decides(judge):
+    def row(claim, verdict, **more):
+        readings = {"corrected": Result(value=judge.judged(claim.id).number, verdict=verdict)}
+        own = {name: getattr(claim, name) for name in ("paper", "id", "kind", "printed", "headline")}
+        return Claim(**own, verdict=verdict, reading="corrected", readings=readings, **more)
+
+    verdicts = {one.id: judge.verdict(one.id) for one in PUBLISHED}
+    rows = [row(one, verdicts[one.id], errata=("E1",) if one.id == "line" else ()) for one in PUBLISHED]
+    rows[0] = rows[0].model_copy(update={"choices": ("slope",)})
+    deciding = Deciding(rows, [Erratum("E1", "", "", ""), Erratum("E2", "", "", "")], judge)
+    first, second = deciding.effects()
+    assert (first.erratum.id, first.rank, first.refuted) == ("E1", "headline", ["line"])
+    assert [(one.claim, one.effect.difference) for one in first.headline] == [
+        ("line", pytest.approx(-1.0)),
+        ("upwards", pytest.approx(-2.0)),
+    ]
+    assert [(one.claim, one.before, one.effect.verdict) for one in first.verdicts] == [("upwards", "holds", "fails")]
+    assert (second.rank, second.group) == ("not_varied", "notation")
+    number = deciding.number
+    assert (number.claim.id, number.value, number.mark) == ("line", 0.5, 0.8)
+    assert [one.difference for one in number.effects] == pytest.approx([-1.0, -0.5, 0.5, 0.0])
+    slope, form = deciding.open()
+    assert form.choice.kind == "misprint" and (form.low, form.high, form.claims) == (0.5, 0.5, [])
+    assert (slope.choice.name, slope.low, slope.high, slope.claims) == ("slope", 0.0, 1.0, ["line"])
+    assert judge.standing("line").cause == ("slope", "1") and judge.standing("constant").stands == "robust"
+
+
 def test_the_interval_of_a_share_covers_it():
     generator = np.random.Generator(np.random.Philox(key=1))
     for share in (0.02, 0.3, 0.9):
@@ -203,6 +237,51 @@ def test_waves_find_what_contradicts_and_what_can_be_true_at_once():
     assert waves[-1].nearest < 3.0 and waves[-1].shares["angle"] == [0.0, 1.0]
     best = found.assignment[found.number == waves[-1].its][0]
     assert 0.7 < best[0] < 0.9
+
+
+def test_what_is_true_at_once_and_what_never_is(judge):
+    found = joint(judge)
+    assert found.never == [("line", "flat")], "a slope of 0.8 and one below a quarter"
+    assert (found.best.headlines, found.best.of) == (2, 3)
+    assert found.best.again is None and answer(found) == "at most 2 of 3 headlines stand in one universe"
+    assert [(one.of, one.in_corrected) for one in found.halves] == [(2, 2), (3, 0)]
+    again = [replace(one, number=10_000 + one.number, seed=1) for one in space_filling(CHOICES, 4, first=100)]
+    both = gathered([judge.table, table(again)])
+    assert len(Judge(both, CHOICES, PUBLISHED).effects("line")) == len(judge.effects("line")), "seeds stay apart"
+    assert Judge(both, CHOICES, PUBLISHED).second_seed().of == 0, "nothing is sampled"
+    noisy = replace(both, error=np.full_like(both.error, 0.01))
+    assert Judge(noisy, CHOICES, PUBLISHED).second_seed().value == 1.0
+    moved = replace(noisy, value=noisy.value + np.where(noisy.seed == 1, 0.1, 0.0)[:, np.newaxis])
+    assert Judge(moved, CHOICES, PUBLISHED).second_seed().value == 0.0
+
+
+def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
+    large, small = table(space_filling(CHOICES, 16)), table(space_filling(CHOICES, 4))
+    assert changed(large, small) == {}
+    assert changed(large, replace(small, value=small.value * (1 + 1e-9))) == {}
+    assert changed(large, replace(small, number=small.number + 90)) == dict.fromkeys(
+        range(1090, 1094), "is not among them"
+    )
+    other = np.where(np.arange(4) == 2, 0.1, 0.0)[:, np.newaxis]
+    assert changed(large, replace(small, value=small.value + other)) == {1002: "has another number of line"}
+    assert changed(large, replace(small, assignment=small.assignment + other)) == {1002: "has other choices"}
+    verdicts = small.verdict.copy()
+    verdicts[1, 3] = 0
+    assert changed(large, replace(small, verdict=verdicts)) == {1001: "has another verdict on constant"}
+    for path, one, world in (
+        (tmp_path / "report/universes/toy.h5", small, "a"),
+        (tmp_path / "report/universes/waves/toy.h5", large, "a"),
+        (tmp_path / "report/universes/waves/old.h5", large, "b"),
+        (tmp_path / "report/universes/old.h5", small, "a"),
+    ):
+        store.save(path, one, paper=path.stem, reading="universes", provenance={"world": world})
+    root = tmp_path / "root"
+    assert accept_universes(root, tmp_path, ["toy", "old", "none"]) == [root / "data/reference/universes/toy.h5"]
+    assert compare_universes(root, tmp_path, ["toy", "none"])
+    assert "4 universes compared with 16 committed, 0 differ" in capsys.readouterr().out
+    moved = replace(small, value=small.value + other)
+    store.save(tmp_path / "report/universes/toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
+    assert not compare_universes(root, tmp_path, ["toy"])
 
 
 def test_an_emulator_is_exact_where_the_answer_is_linear():

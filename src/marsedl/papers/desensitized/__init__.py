@@ -20,7 +20,5 @@ PAPER = Paper(
         Solve("tradeoff", "status", "iterations"),
         Solve("gains", "converged", "iterations"),
         Solve("minimum_fuel", "status"),
-        Solve("branches", "set_status", what="set"),
-        Solve("certificates", "mesh_status", "mesh_iterations", what="mesh"),
     ),
 )

@@ -112,26 +112,8 @@ def of_solution(solution: Solution) -> Trajectory:
     return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
-class BankEnds(NamedTuple):
-    """Bank angles (rad) and rates (rad/s) at entry and deployment; None where they are free."""
-
-    initial_bank: float | None
-    initial_bank_rate: float | None
-    final_bank: float | None
-    final_bank_rate: float | None
-
-
-def bank_ends(mission: Mission) -> BankEnds:
-    """The conditions on the bank that the inputs name."""
-    return BankEnds(mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate)
-
-
-def problem(planet: Planet, vehicle: Vehicle, mission: Mission, ends: BankEnds | None = None) -> Problem:
-    """Least control energy between entry and deployment (Eqs. 1 to 4, Table 2), without regard to sensitivities.
-
-    ends: conditions on the bank in place of the inputs' own.
-    """
-    ends = ends or bank_ends(mission)
+def problem(planet: Planet, vehicle: Vehicle, mission: Mission) -> Problem:
+    """Least control energy between entry and deployment (Eqs. 1 to 4, Table 2), without regard to sensitivities."""
     initial = dict(zip(STATES[:6], entry_state(mission), strict=False))
     final = {
         "altitude": mission.final_altitude,
@@ -139,8 +121,8 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, ends: BankEnds |
         "longitude": mission.final_longitude,
     }
     for conditions, bank, bank_rate in (
-        (initial, ends.initial_bank, ends.initial_bank_rate),
-        (final, ends.final_bank, ends.final_bank_rate),
+        (initial, mission.initial_bank, mission.initial_bank_rate),
+        (final, mission.final_bank, mission.final_bank_rate),
     ):
         conditions |= {"bank": bank} if bank is not None else {}
         conditions |= {"bank_rate": bank_rate} if bank_rate is not None else {}
@@ -220,14 +202,20 @@ def desensitized(setup: Setup, perturbations, gains=False) -> Desensitized:
     )
 
 
+def norm_length(planet: Planet, design: Design):
+    """Length that counts as one radian in the norm of the sensitivity, m."""
+    return design.sensitivity_length or planet.planet_radius
+
+
 def squared_norm(planet: Planet, design: Design, end, channels):
     """Squared Frobenius norm of columns of the final position sensitivity (Eq. 6).
 
     Altitudes are divided by `sensitivity_length`, angles are taken in radians, in rows and columns alike. With the
     planet's radius this is the norm in metres per metre, with a length of 1 m that of the block as it stands.
     """
-    row = np.array([1.0 / design.sensitivity_length, 1.0, 1.0])
-    unit = {"radius": design.sensitivity_length, "crossrange": planet.planet_radius, "downrange": planet.planet_radius}
+    length = norm_length(planet, design)
+    row = np.array([1.0 / length, 1.0, 1.0])
+    unit = {"radius": length, "crossrange": planet.planet_radius, "downrange": planet.planet_radius}
     total = design.norm_smoothing
     for channel in channels:
         for name, scale in zip(POSITIONS, row * unit[channel], strict=True):
@@ -254,15 +242,10 @@ def weighted(planet: Planet, design: Design, extended: Desensitized, channels) -
     return replace(extended.problem, running_cost=running_cost, end_cost=end_cost)
 
 
-def program(planet: Planet, solver: Solver, declared, intervals=None, scheme=None, hessian="exact") -> Program:
+def program(planet: Planet, solver: Solver, declared, hessian="exact") -> Program:
     """A problem transcribed as the inputs say; tables of density are splines, which cannot be expanded."""
-    return Program(
-        declared,
-        intervals or solver.intervals,
-        scheme or solver.scheme,
-        hessian=hessian,
-        expand=planet.density_profile != "table",
-    )
+    expand = planet.density_profile != "table"
+    return Program(declared, solver.intervals, solver.scheme, hessian=hessian, expand=expand)
 
 
 # ---- solving ---------------------------------------------------------------------------------------------------------

@@ -8,15 +8,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from marsedl.papers.desensitized.claims.measures import own_c1, printed_rows
 from marsedl.papers.desensitized.entry_problem import BANK
-from marsedl.papers.desensitized.inputs import Design, Ensemble, Simulation, Solver, Vehicle
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Simulation, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
     CHANNELS,
     NO_DOC,
     RESHAPED,
-    Branches,
-    Certificates,
     FlightEnsemble,
     Gains,
     MinimumFuel,
@@ -39,8 +37,6 @@ LAW_NAME = {NO_DOC: "no DOC", RESHAPED: "DOC without feedback"}
 LAW_TITLE = LAW_NAME | {name: f"gains against {name} errors" for name in CHANNELS} | {ALL_COLUMNS: "one set of gains"}
 ROW_COLOR = (BLACK, SKY, BLUE, GREEN, ORANGE, VERMILION, PURPLE)
 BRANCH_COLOR = (BLACK, BLUE, PURPLE, ORANGE)
-SCHEME_COLOR = (BLUE, ORANGE, GREEN)
-SCHEME_NAME = {"hermite_simpson": "Hermite-Simpson"}
 FUEL_CURVE = (
     (BLACK, "--", "least energy (nominal)"),
     (VERMILION, "-", "least fuel"),
@@ -284,20 +280,19 @@ def _bank_angles(gains, responses, channel):
 # ---- beyond the paper ------------------------------------------------------------------------------------------------
 
 
-def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff, branches: Branches) -> Figure:
-    """Control energy against final position error, and the weight along the nominal's branch."""
-    columns = 2 if len(branches.curve_error) else 1
-    figure, panels = new_figure(4.6 * columns, 5.6, ncols=columns, width_ratios=(1.6, 1)[:columns], squeeze=False)
-    axes, label = panels[0, 0], f"{FINAL_ERROR} for {simulation.tabulated_error:g} m of radius"
-    _energies(axes, tradeoff, branches, published, label)
+def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff) -> Figure:
+    """Control energy against final position error."""
+    figure, axes = new_figure(5.6, 5.8)
+    label = f"{FINAL_ERROR} for {simulation.tabulated_error:g} m of radius"
+    _energies(axes, tradeoff, published, label)
     axes.set_yscale("log")
     rows, names = np.linalg.norm(tradeoff.error, axis=1), _row_names(design, published, tradeoff)
     enlarged = np.zeros(len(rows), bool)
-    if columns == 2 and len(tradeoff.fold_error):
-        (lowest_error, largest_error), (low, high) = _about_folds(tradeoff, branches)
+    if len(tradeoff.fold_error):
+        (lowest_error, largest_error), (low, high) = _about_folds(tradeoff)
         enlarged = (rows > lowest_error) & (rows < largest_error) & (tradeoff.effort > low) & (tradeoff.effort < high)
         inset = axes.inset_axes((0.42, 0.5, 0.57, 0.48))
-        _energies(inset, tradeoff, branches, published, label)
+        _energies(inset, tradeoff, published, label)
         inset.set(yscale="log", xlim=(lowest_error, largest_error), ylim=(low, high), xlabel="", ylabel="")
         inset.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         inset.yaxis.set_major_formatter("{x:g}")
@@ -317,21 +312,11 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         offset, side = end if at_end else beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
         text, spot = _joined([names[number] for number in group]), (rows[group[0]], tradeoff.effort[group[0]])
         axes.annotate(text, spot, offset, textcoords="offset points", fontsize=7, ha=side)
-    if columns == 2:
-        weight, folded = panels[0, 1], np.isfinite(branches.fold_weight)
-        along = field(branches, "curve_weight", x=field(branches, "curve_error", name=label))
-        # Without a fold the weight rises over decades, from what is zero but for rounding.
-        clear = along.values > (-np.inf if folded else 1e-6 * along.values.max())
-        plot(weight, along.where(clear), marker=".", linestyle="--", color=ORANGE)
-        weight.plot(branches.fold_error, branches.fold_weight, "o", color=VERMILION, markersize=5)
-        fold = f"fold: {branches.fold_weight:.4g} at {branches.fold_error:.0f} m" if folded else "no fold"
-        weight.set(title=f"the nominal's branch\n{fold}", yscale="linear" if folded else "log")
-        weight.locator_params(axis="x", nbins=4)
-    legend_below(figure, [axes], columns)
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
-def _energies(axes, tradeoff, branches, published, label):
+def _energies(axes, tradeoff, published, label):
     """Draw control energy against final position error, which is called `label`."""
     path = field(tradeoff, "path_effort", x=_norm(tradeoff, "path_error", name=label))
     for number, name in enumerate(tradeoff.branch):
@@ -341,8 +326,6 @@ def _energies(axes, tradeoff, branches, published, label):
         jump = field(tradeoff, "fold_effort", x="fold_error", at={"folds": number})
         text = None if number else "jump at the end of a branch"
         plot(axes, jump, color=GREY, linestyle=":", label=text)
-    dots = {"linestyle": "none", "marker": ".", "zorder": 1, "markersize": 7, "color": ORANGE}
-    plot(axes, branches, "curve_effort", x="curve_error", label="the nominal's branch, error given", **dots)
     rows = field(tradeoff, "effort", x=_norm(tradeoff, "error"))
     circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
     plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
@@ -350,10 +333,11 @@ def _energies(axes, tradeoff, branches, published, label):
     axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
 
 
-def _about_folds(tradeoff, branches):
+def _about_folds(tradeoff):
     """Limits of error and control energy about the jumps at folds and the nominal's branch."""
-    errors = np.append(tradeoff.fold_error, branches.curve_error)
-    efforts = np.append(tradeoff.fold_effort, branches.curve_effort)
+    first = tradeoff.path_branch == 0
+    errors = np.append(tradeoff.fold_error, np.linalg.norm(tradeoff.path_error[first], axis=1))
+    efforts = np.append(tradeoff.fold_effort, tradeoff.path_effort[first])
     margin, factor = 0.25 * np.ptp(errors), (efforts.max() / efforts.min()) ** 0.25
     return (errors.min() - margin, errors.max() + margin), (efforts.min() / factor, efforts.max() * factor)
 
@@ -409,38 +393,6 @@ def dispersion(ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble) -
     legend_entry(first, ellipse, color=VERMILION)
     legend_entry(first, f"axes of {LAW_TITLE[str(gains.law[0])]}", color=GREY, linestyle=":")
     legend_below(figure, [first])
-    return figure
-
-
-def discretisation(solver: Solver, simulation: Simulation, certificates: Certificates) -> Figure:
-    """Miss of the flown controls, and error of the sensitivity, against the number of intervals."""
-    figure, (misses, differences) = new_figure(7.6, 4.2, ncols=2)
-    size = _length(converted(simulation.tabulated_error, "m", "km"))
-    for axes, paths, name in (
-        (misses, ("mesh_miss",), "miss of the target"),
-        (differences, ("mesh_error", "mesh_flown_error"), f"error of the sensitivity,\nfor {size} of radius"),
-    ):
-        curves = {
-            (case, scheme): _norm(certificates, *paths, name=name, at={"cases": case, "scheme": scheme}, x="intervals")
-            for case in range(2)
-            for scheme in range(len(certificates.scheme))
-        }
-        for (case, number), curve in curves.items():
-            scheme = str(certificates.scheme[number])
-            plot(
-                axes, curve, color=SCHEME_COLOR[number % len(SCHEME_COLOR)], linestyle=("-", "--")[case], marker="o",
-                markersize=3, label=f"{SCHEME_NAME.get(scheme, scheme)}, {_case(certificates, case)}",
-            )  # fmt: skip
-        intervals = certificates.intervals
-        for order, scheme in ((2, 0), (4, len(certificates.scheme) - 1)):
-            start = np.nanmax(np.array([curves[case, scheme].values[0] for case in range(2)]), initial=0.0)
-            slope = curves[0, scheme].of(2.0 * start * (intervals[0] / intervals) ** order)
-            plot(axes, slope, color=GREY, linestyle=":", label=f"order {order}")
-        axes.set(xscale="log", yscale="log")
-        axes.set_xticks(intervals, [str(number) for number in intervals])
-        axes.minorticks_off()
-        mark(axes, x=solver.intervals, linestyle="-", linewidth=0.6)
-    legend_below(figure, [misses], columns=2)
     return figure
 
 
@@ -592,11 +544,6 @@ def _power(value):
 
 def _counted(number, what):
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def _case(certificates, case):
-    weight = certificates.weight[case]
-    return f"$c$ = {weight:.3g}" if weight else "nominal"
 
 
 def _mass(mass):

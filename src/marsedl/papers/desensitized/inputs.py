@@ -132,7 +132,17 @@ class Design(Section):
     weight_factor: Positive = given("1", "weight per printed weight, for proportional")
     infinite_weights: Rows = given("deg^2/s^3", "weights that stand for an infinite one, a row for each")
     weight_path: Weights = given("1", "weights through which the solutions are continued, beside those of the rows")
-    sensitivity_length: Positive = given("m", "length that counts as one radian in the norm of the sensitivity")
+    infeasible_rows: Literal["no_value", "printed_ratios"] = given(
+        "1",
+        "rows whose control energy lies below the least one: without a value, or at the least one times the ratio of "
+        "theirs to printed_least_effort",
+    )
+    printed_least_effort: Positive = given(
+        "deg^2/s^3", "control energy of the first row as printed, for printed_ratios"
+    )
+    sensitivity_length: Positive | None = given(
+        "m", "length that counts as one radian in the norm of the sensitivity; empty: the planet's radius"
+    )
     sensitivity_columns: Literal["radius", "all"] = given(
         "1", "columns of the position sensitivity in the norm: that of the radius, or all three"
     )
@@ -211,9 +221,6 @@ class Ensemble(Trials):
 class Studies(Section):
     """Studies of what the paper leaves open."""
 
-    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
-        "1", "numbers of intervals of the discretisation study, each a multiple of the one before"
-    )
     fuel_bounds: vector(2, Positive) = given("rad/s^2", "bounds of the bank acceleration in the problems of least fuel")
     low_heights: vector(2, Positive) = given(
         "m", "heights above deployment between which lie the altitudes that count as low"
@@ -222,12 +229,6 @@ class Studies(Section):
     @model_validator(mode="after")
     def _rises(self):
         _increases("low_heights", self.low_heights)
-        return self
-
-    @model_validator(mode="after")
-    def _meshes_are_nested(self):
-        if any(b % a or b == a for a, b in pairwise(self.studied_intervals)):
-            raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
         return self
 
 

@@ -74,7 +74,7 @@ def under_bound(setup: Setup, nominal: Nominal, bound):
     }
 
 
-def fuel_program(setup: Setup, nominal: Nominal, bound, intervals=None) -> Program:
+def fuel_program(setup: Setup, nominal: Nominal, bound) -> Program:
     """Energy and fuel in shares, with the bank acceleration as a difference of two that are not negative.
 
         minimise  integral (1 - s) (p^2 + n^2) / e + s (p + n) dt,   u = p - n
@@ -97,7 +97,7 @@ def fuel_program(setup: Setup, nominal: Nominal, bound, intervals=None) -> Progr
 
     controls = tuple(Variable(f"{sign}_bank_acceleration", 0.002, 0.0, bound) for sign in ("positive", "negative"))
     declared = replace(base, rates=rates, controls=controls, running_cost=running_cost)
-    return entry_problem.program(setup.planet, setup.solver, declared, intervals=intervals)
+    return entry_problem.program(setup.planet, setup.solver, declared)
 
 
 def share(of_fuel):

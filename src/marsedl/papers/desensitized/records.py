@@ -9,7 +9,6 @@ from marsedl.replication.records.fields import Axis, quantity, record
 
 COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
 GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"
-STUDIED = ("cases", "scheme", "meshes")
 
 CHANNELS = ("radius", "crossrange", "downrange")
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
@@ -32,7 +31,6 @@ OBSERVED = Axis("observed", bank_acceleration="rad/s^2", command_magnitude="rad/
 CHANNEL = Axis("entry_error", *CHANNELS)  # of the errors at entry
 POSITION = Axis("position", *CHANNELS)  # of the final errors; in radius and altitude they are the same
 COMPARED = Axis("compared", "first", "second")  # of two errors at entry
-END_CONDITION = Axis("end_condition", "initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
 BEYOND = Axis("side", "last", "beyond")  # of a fold: last on the branch, first beyond it
 
 
@@ -69,8 +67,8 @@ class Tradeoff:
     """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
 
     Errors are those that the sensitivity gives for the radius error of Table 3. Rows are those of c1 = 0, of the
-    printed weights, and of the weights that stand for an infinite one; one whose control energy lies below the least is
-    left out.
+    printed weights, and of the weights that stand for an infinite one; a printed weight is missing if no solution has
+    its control energy.
     """
 
     path_weight: np.ndarray = quantity(
@@ -85,6 +83,8 @@ class Tradeoff:
     fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", BEYOND), "control energy there")
     fold_error: np.ndarray = quantity("m", ("folds", BEYOND), "norm of the final position error there")
     printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
+    missing_weight: np.ndarray = quantity("1", ("missing",), "the paper's c1 without a row")
+    missing_effort: np.ndarray = quantity("deg^2/s^3", ("missing",), "control energy that was looked for")
     weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity", label="weight $c$")
     time: np.ndarray = quantity("s", ("rows", "node"), "nodes", label="time from entry")
     state: np.ndarray = quantity(STATE.unit, ("rows", "node", STATE), "states as in the nominal")
@@ -275,73 +275,6 @@ class FlightEnsemble(Flights):
     final_error: np.ndarray = quantity(
         "m", ("law", "trials", POSITION), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
     )
-
-
-@record
-class Branches:
-    """Local minima without weight, conditions on the bank, and the nominal's branch through its fold."""
-
-    name: np.ndarray = quantity("1", ("solutions",), "what the solution is called; first the nominal", "str")
-    effort: np.ndarray = quantity("deg^2/s^3", ("solutions",), "control energy J0", label="control energy $J_0$")
-
-    set_fixed: np.ndarray = quantity(
-        "1", ("sets", END_CONDITION), "whether initial bank, its rate, final bank, its rate are fixed", "bool"
-    )
-    set_status: np.ndarray = quantity("1", ("sets",), "how the solver ended, from the nominal", "str")
-    set_effort: np.ndarray = quantity("deg^2/s^3", ("sets",), "control energy J0; NaN: not solved", allow_nan=True)
-    set_cumulative: np.ndarray = quantity(
-        "rad/s", ("sets",), "integral of the absolute bank acceleration; NaN: not solved", allow_nan=True
-    )
-    set_reversals: np.ndarray = quantity(
-        "1", ("sets",), "bank reversals; others than the nominal's: its branch is lost", "int64"
-    )
-
-    curve_error: np.ndarray = quantity("m", ("points",), "norm of the final error on the nominal's branch")
-    curve_effort: np.ndarray = quantity("deg^2/s^3", ("points",), "least control energy there")
-    curve_weight: np.ndarray = quantity(
-        "deg^2/s^3", ("points",), "weight of which the point is a stationary one", label="weight $c$"
-    )
-    fold_weight: float = quantity("deg^2/s^3", (), "largest weight on that branch; NaN: no fold", allow_nan=True)
-    fold_error: float = quantity("m", (), "norm of the final error there", allow_nan=True)
-
-
-@record
-class Certificates:
-    """Both cases, the nominal and the row of the largest finite weight, by every scheme on every mesh.
-
-    Errors are of the final altitude, crossrange and downrange. What a solver could not solve has its status and NaN.
-    """
-
-    weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity", label="weight $c$")
-    scheme: np.ndarray = quantity("1", ("scheme",), "transcription", "str")
-    intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64", label="intervals")
-    mesh_status: np.ndarray = quantity("1", STUDIED, "how the solver ended", "str")
-    mesh_iterations: np.ndarray = quantity("1", STUDIED, "iterations from the solution on a mesh beside it", "int64")
-    mesh_effort: np.ndarray = quantity(
-        "deg^2/s^3", STUDIED, "control energy J0", allow_nan=True, label="control energy $J_0$"
-    )
-    mesh_cumulative: np.ndarray = quantity(
-        "rad/s", STUDIED, "integral of the absolute bank acceleration", allow_nan=True
-    )
-    mesh_error: np.ndarray = quantity(
-        "m", (*STUDIED, POSITION), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
-    )
-    mesh_flown_error: np.ndarray = quantity(
-        "m", (*STUDIED, POSITION), "the same by central differences of flights of these controls", allow_nan=True
-    )
-    mesh_miss: np.ndarray = quantity(
-        "m", (*STUDIED, POSITION), "by which such a flight without error misses the target", allow_nan=True
-    )
-    miss_order: np.ndarray = quantity(
-        "1", ("cases", "scheme", "refinements"), "order of the miss from mesh to mesh", allow_nan=True
-    )
-    error_order: np.ndarray = quantity(
-        "1", ("cases", "scheme", "refinements"), "order of the error's difference to flights", allow_nan=True
-    )
-    mesh_longitude_deviation: np.ndarray = quantity(
-        "m/m", STUDIED, "largest deviation of the longitude column from its unit vector, all nodes", allow_nan=True
-    )
-    row_longitude_deviation: np.ndarray = quantity("m/m", ("rows",), "the same of the rows of Table 3")
 
 
 @record

@@ -1,6 +1,4 @@
-"""Tables 1 to 3, sensitivities and gains, the studies beside them, and what each reading gives."""
-
-from dataclasses import dataclass, fields
+"""Tables 1 to 3, sensitivities and gains, and the studies beside them."""
 
 import numpy as np
 
@@ -9,25 +7,20 @@ from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import components, entry_problem
 from marsedl.papers.desensitized.claims.measures import is_papers, own_c1, printed_rows, row_c1
 from marsedl.papers.desensitized.entry_problem import propellant
-from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensemble, Mission, Simulation, Vehicle
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
     CHANNELS,
-    LAWS,
     MOTION,
     NO_DOC,
     RESHAPED,
     SOLUTIONS,
-    Branches,
-    Certificates,
     FlightEnsemble,
     Gains,
     MinimumFuel,
     Responses,
     Tradeoff,
 )
-from marsedl.papers.desensitized.tradeoff import last_finite_row
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.records.tables import Column, table
 from marsedl.replication.units import DEGREE, KM
 
@@ -38,8 +31,6 @@ LAW_NAMES = {
     **{channel: f"gains against {channel} errors" for channel in CHANNELS},
     ALL_COLUMNS: "one set of gains",
 }
-# Inputs in which readings may differ that say how much is computed, not what.
-_SIZES = ("trials", "drawn_trials")
 
 C1 = Column("", "g", "the paper's weight")
 WEIGHT = Column("deg^2/s^3", ".5g", "on the norm of the sensitivity; 0: no DOC")
@@ -52,9 +43,7 @@ STATUS = Column(meaning="how it ended")
 ITERATIONS = Column("", "d", "of the solver")
 FINAL_ERROR = Column("m", ".5g", "norm of the final position error")
 COSTS = {"J0": EFFORT, "cumulative bank rate": CUMULATIVE, "fuel": Column("kg", ".3f", FUEL.meaning)}
-SOLVER = {"solver": STATUS, "iterations": ITERATIONS}
 ERRORS = ("altitude", "crossrange", "downrange")  # of the final position
-ROOT_MEAN_SQUARE = Column("", ".4g", "of final over initial errors, flown")
 
 
 def _ratio(value, reference):
@@ -303,77 +292,7 @@ def _deviation_errors(samples, deviation):
     return np.divide(of_variance, 2.0 * deviation, out=np.zeros(len(deviation)), where=deviation > 0.0)
 
 
-# ---- certificates ----------------------------------------------------------------------------------------------------
-
-
-def discretisation_errors(certificates: Certificates):
-    """Both cases by every scheme on every mesh: effort, errors by the scheme and as flown, and orders."""
-    study = certificates
-    case, scheme, mesh = np.indices(study.mesh_status.shape).reshape(3, -1)
-
-    def error(meaning):
-        return Column("m", ".2f", meaning)
-
-    def order(of):
-        return Column("", ".2f", f"{of}from the mesh in the line above")
-
-    def norms(errors):
-        return np.linalg.norm(errors, axis=-1).ravel()
-
-    def from_second_mesh(orders):
-        return np.insert(orders, 0, np.nan, axis=-1).ravel()
-
-    return _columns(
-        {
-            "weight": (study.weight[case], WEIGHT),
-            "scheme": (study.scheme[scheme], Column()),
-            "intervals": (study.intervals[mesh], Column()),
-            "J0": (study.mesh_effort.ravel(), Column("deg^2/s^3", ".5f", EFFORT.meaning)),
-            "cumulative bank rate": (study.mesh_cumulative.ravel() / DEGREE, CUMULATIVE),
-            "final error": (norms(study.mesh_error), error("norm, by the scheme's sensitivity")),
-            "final error by flights": (norms(study.mesh_flown_error), error("norm, by differences of flights")),
-            "their difference": (norms(study.mesh_error - study.mesh_flown_error), Column("m", ".3g", "norm")),
-            "order": (from_second_mesh(study.error_order), order("of this difference, ")),
-            "target missed": (norms(study.mesh_miss), Column("m", ".3g", "when flown again")),
-            "order of the miss": (from_second_mesh(study.miss_order), order("")),
-            "solver": (study.mesh_status.ravel(), STATUS),
-            "iterations": (study.mesh_iterations.ravel(), ITERATIONS),
-        }
-    )
-
-
 # ---- other solutions -------------------------------------------------------------------------------------------------
-
-
-def bank_conditions(mission: Mission, published, branches: Branches):
-    """Every choice of conditions on the bank, solved from the nominal; first what meets the first row best."""
-    effort, cumulative = published["tab03_c0"].printed[:2]
-    values = mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate
-    is_conditioned = np.array([value is not None for value in values])
-    ratios = np.column_stack([branches.set_effort / effort, branches.set_cumulative / DEGREE / cumulative])
-    distance = np.linalg.norm(ratios - 1.0, axis=1)
-    order = np.argsort(distance)  # NaN last
-    fixed, distance, ratios = branches.set_fixed[order], distance[order], ratios[order]
-    names = [f"{end} bank {of}" for end in ("initial", "final") for of in ("angle", "rate")]
-    free = [Column(unit, "g", "empty: free") for unit in ("deg", "deg/s")] * 2
-    conditions = {
-        name: ([(value or 0.0) / DEGREE if is_fixed else None for is_fixed in fixed[:, k]], free[k])
-        for k, (name, value) in enumerate(zip(names, values, strict=True))
-    }
-    reversals = zip(branches.set_reversals[order], np.isfinite(distance), strict=True)
-    return _columns(
-        {
-            **conditions,
-            "J0": (branches.set_effort[order], EFFORT),
-            "J0 over the paper's": (ratios[:, 0], Column("", ".4f")),
-            "cumulative bank rate": (branches.set_cumulative[order] / DEGREE, CUMULATIVE),
-            "cumulative bank rate over the paper's": (ratios[:, 1], Column("", ".4f")),
-            "distance": (100.0 * distance, Column("%", ".2f", "of both ratios from one")),
-            "bank reversals": ([number if is_solved else None for number, is_solved in reversals], REVERSALS),
-            "used here": ((fixed == is_conditioned).all(axis=1), Column()),
-            "solver": (branches.set_status[order], STATUS),
-        }
-    )
 
 
 def least_fuel(minimum_fuel: MinimumFuel):
@@ -408,153 +327,3 @@ def least_fuel(minimum_fuel: MinimumFuel):
             "solver": (study.status.ravel(), STATUS),
         }
     )
-
-
-# ---- over all readings -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Records(Artifacts):
-    """What the tables over all readings are made from."""
-
-    tradeoff: Tradeoff
-    gains: Gains
-    responses: Responses
-    entry_errors: FlightEnsemble
-
-
-def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
-    """What each reading gives.
-
-    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
-    """
-    rows = [
-        (
-            PAPER,
-            None,
-            *published["tab03_c0"].printed,
-            published["nodoc_two_reversals"].printed,
-            max(c1 for c1 in published["c1_values"].printed if np.isfinite(c1)),
-            None,
-            published["tab03_c1"].printed[-1],
-            published["max_reduction_percent"].printed,
-            *[None] * (3 * len(CHANNELS) + 1 + len(LAWS) + 1),
-        )
-    ]
-    default = readings["corrected"][0]
-    for name, (inputs, records) in readings.items():
-        tradeoff, gains, responses, flights = (getattr(records, field.name) for field in fields(Records))
-        errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
-        laws, final_norm = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
-        against = [
-            (responses.drawn_error[k], final_norm[laws.index(NO_DOC), k], final_norm[laws.index(channel), k])
-            for k, channel in enumerate(CHANNELS)
-        ]
-        lost = dict(zip(flights.law, np.count_nonzero(flights.outcome != COMPLETED, axis=1), strict=True))
-        rows.append(
-            (
-                name,
-                _differences(inputs, default),
-                *_row_numbers(tradeoff, 0),
-                tradeoff.reversals[0],
-                tradeoff.printed_weight[row],
-                tradeoff.weight[row],
-                errors[row],
-                100.0 * (1.0 - errors.min() / errors[0]),
-                *np.ravel(against),
-                ", ".join(LAW_NAMES[str(law)] for law in gains.law[~gains.converged]),
-                *(lost[law] for law in LAWS),
-                flights.outcome.shape[1],
-            )
-        )
-    columns = {
-        "reading": Column(),
-        "inputs that differ": Column(meaning="from those of corrected (SI)"),
-        "J0": Column("deg^2/s^3", ".4f", "of the nominal"),
-        "cumulative bank rate": CUMULATIVE,
-        "fuel": Column("kg", ".3f", FUEL.meaning),
-        "final position error": Column("m", ".1f", "of the nominal"),
-        "bank reversals": REVERSALS,
-        "largest finite c1": C1,
-        "its weight": Column("deg^2/s^3", ".4g"),
-        "its final position error": Column("m", ".1f"),
-        "largest reduction": Column("%", ".1f", "of the final position error in Table 3"),
-    }
-    final_error = Column("m", ".5g", "final position error")
-    for channel in CHANNELS:
-        columns |= {f"{channel} at entry": Column("m", "g", "error that is flown")}
-        columns |= dict.fromkeys((f"{channel}: no feedback", f"{channel}: feedback"), final_error)
-    columns |= {"gains that did not converge": Column()}
-    columns |= {f"lost trials: {LAW_NAMES[law]}": Column() for law in LAWS}
-    return table(rows, {**columns, "trials": Column()})
-
-
-def _differences(of_reading: DesensitizedInputs, default: DesensitizedInputs):
-    """Inputs that differ from the default reading's, with their values where these are short."""
-    differences = []
-    for name, path in sorted((path.partition(".")[2], path) for path in of_reading.names()):
-        value = of_reading.get(path)
-        if name in _SIZES or np.array_equal(value, default.get(path)):
-            continue
-        if isinstance(value, np.ndarray):
-            differences.append(name)
-        else:
-            text = "free" if value is None else value if isinstance(value, str) else f"{value:.6g}"
-            differences.append(f"{name} {text}")
-    return ", ".join(differences)
-
-
-def weights(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
-    """Table 3 of all readings, row by row: by the printed weights, and at the printed control energies.
-
-    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
-    """
-    printed = printed_rows(published)
-    proportional_first = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
-    weight_values = {row_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
-    rows = []
-    for c1 in sorted(weight_values | set(printed)):
-        if c1 in printed:
-            rows.append((c1, PAPER, *[None] * 5, *printed[c1], None, None))
-        for name, (inputs, records) in proportional_first:
-            tradeoff, design = records.tradeoff, inputs.design
-            for number in (k for k, value in enumerate(tradeoff.printed_weight) if row_c1(value) == c1):
-                weight = tradeoff.weight[number]
-                finite = 0.0 < c1 < np.inf
-                rows.append(
-                    (
-                        c1,
-                        name,
-                        _rule(design, printed, tradeoff.printed_weight[number]) if finite else None,
-                        ("all" if design.sensitivity_columns == "all" else "radius") if weight else None,
-                        design.sensitivity_length / KM if weight else None,
-                        weight,
-                        weight / c1 if finite else None,
-                        *_row_numbers(tradeoff, number),
-                        tradeoff.branch[tradeoff.row_branch[number]],
-                        tradeoff.reversals[number],
-                    )
-                )
-    return table(
-        rows,
-        {
-            "c1": C1,
-            "reading": Column(),
-            "row taken": Column(),
-            "columns": Column(meaning="of the sensitivity, in its norm"),
-            "length": Column("km", "g", "that counts as a radian in the norm"),
-            "weight": WEIGHT,
-            "weight over c1": Column("deg^2/s^3", ".4g"),
-            **COSTS,
-            "final position error": Column("m", ".1f"),
-            "branch begins with": BRANCH,
-            "bank reversals": REVERSALS,
-        },
-    )
-
-
-def _rule(design: Design, printed, printed_weight):
-    """By what a row of a finite weight is taken, in words."""
-    if design.weight_rule == "proportional":
-        return f"c = {design.weight_factor:g} c1"
-    return "at the printed J0" if is_papers(design, printed, printed_weight) else "at its own J0"

@@ -4,6 +4,7 @@ The weight on the sensitivity is raised step by step from the nominal. Where the
 finds the next one, and the path goes on there. The rows of Table 3 are points of this path.
 """
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -78,9 +79,9 @@ def compute(
         weights |= set(design.weight_factor * design.printed_weights)
     points, folds = follow(solver, design, transcribed, first, sorted(weights))
     rows = [
-        points[0],
-        *chosen(solver, design, transcribed, points),
-        *(at_weight(points, c) for c in design.infinite_weights),
+        (0.0, points[0]),
+        *chosen(solver, design, transcribed, points).items(),
+        *((np.nan, at_weight(points, c)) for c in design.infinite_weights),
     ]
     return described(setup, simulation, extended, points, folds, rows)
 
@@ -105,6 +106,7 @@ def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple
                     [weight],
                     same_branch=same_branch,
                     smallest_step=SHORTEST,
+                    retries=False,  # they cost a quarter of the path, and find the same fold
                     on_step=keep,
                     barrier=WARM,
                     tolerance=solver.solver_tolerance,
@@ -140,19 +142,24 @@ def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solutio
     )
 
 
-def has_row(design: Design, least):
-    """Which of the printed weights have a row: no solution has a control energy below the least, deg^2/s^3."""
-    if design.weight_rule == "proportional":
-        return np.full(len(design.printed_weights), True)
-    return design.matched_efforts >= least
+def row_efforts(design: Design, least):
+    """Control energies at which the rows of the printed weights are taken, deg^2/s^3; least: without a weight."""
+    efforts = np.array(design.matched_efforts)
+    if design.infeasible_rows == "printed_ratios":
+        return np.where(efforts < least, efforts * least / design.printed_least_effort, efforts)
+    return efforts
 
 
-def chosen(solver: Solver, design: Design, transcribed, points) -> list[Point]:
-    """The rows of the printed weights between zero and infinity."""
+def chosen(solver: Solver, design: Design, transcribed, points) -> dict[float, Point]:
+    """The rows of the printed weights between zero and infinity, by these; one that no solution gives is left out."""
     if design.weight_rule == "proportional":
-        return [at_weight(points, weight) for weight in design.weight_factor * design.printed_weights]
-    efforts = design.matched_efforts[has_row(design, effort(points[0].solution))]
-    return [at_effort(solver, transcribed, points, target) for target in efforts]
+        return {c1: at_weight(points, design.weight_factor * c1) for c1 in design.printed_weights}
+    least, rows = effort(points[0].solution), {}
+    for c1, target in zip(design.printed_weights, row_efforts(design, least), strict=True):
+        if target >= least:  # beyond the fold another branch may have less
+            with suppress(MarsedlError):  # the row is missing, and its claims say so
+                rows[c1] = at_effort(solver, transcribed, points, target)
+    return rows
 
 
 def at_weight(points, weight) -> Point:
@@ -211,10 +218,10 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
 
 
 def described(setup: Setup, simulation: Simulation, extended, points, folds, rows) -> Tradeoff:
-    """Path, folds and rows as an artifact."""
+    """Path, folds and rows, each with its printed weight, as an artifact."""
     planet, design = setup.planet, setup.design
     path = [point.solution for point in points]
-    solutions = [row.solution for row in rows]
+    printed_weights, solutions = [c1 for c1, _ in rows], [row.solution for _, row in rows]
 
     def bank(solution):
         return solution.states[:, BANK]
@@ -227,7 +234,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
-    size, finite = len(STATES), design.printed_weights[has_row(design, effort(path[0]))]
+    size, missing = len(STATES), ~np.isin(design.printed_weights, printed_weights)
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
@@ -238,7 +245,9 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
-        printed_weight=np.array([0.0, *finite, *np.full(len(design.infinite_weights), np.nan)]),
+        printed_weight=np.array(printed_weights),
+        missing_weight=np.array(design.printed_weights)[missing],
+        missing_effort=row_efforts(design, effort(path[0]))[missing] if missing.any() else np.array([]),
         weight=np.array([s.given["weight"] for s in solutions]),
         time=np.array([s.time for s in solutions]),
         state=np.array([s.states[:, :size] for s in solutions]),
@@ -249,7 +258,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in solutions]),
         error=np.array([errors(s) for s in solutions]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in solutions]),
-        row_branch=np.array([row.branch for row in rows]),
+        row_branch=np.array([row.branch for _, row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in solutions]),
         miss=np.array([entry_problem.miss(planet, setup.mission, resimulate(s)[-1]) for s in solutions]),

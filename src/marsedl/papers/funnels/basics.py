@@ -9,7 +9,6 @@ from marsedl.replication.units import KM
 # Units of the states in which conditions are stated beside those in scales of the regulator: km and km/s.
 STATES_IN_KILOMETRES = np.array([KM, 1.0, 1.0, KM, 1.0, 1.0])
 
-CONDITIONS = ("flow", "euler")  # what a stage bounds: the integrated motion, or the Euler step of Eq. 22
 COMPLETE = "complete"  # outcome of a funnel that exists to the end
 OBSERVED = ("level", "feedback", "heat_rate")  # of a flight
 LEVEL, HEAT_RATE = OBSERVED.index("level"), OBSERVED.index("heat_rate")

@@ -8,7 +8,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, SPHERES
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
-from marsedl.papers.funnels.records import CoarseFunnels, Discretization, Gains, Linearization
+from marsedl.papers.funnels.records import CoarseFunnels, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 
 SOLVER = "SCS"  # of the programs with multipliers: faster than Clarabel
@@ -23,7 +23,6 @@ def compute(
     studies: Studies,
     linearization: Linearization,
     gains: Gains,
-    discretization: Discretization,
 ) -> CoarseFunnels:
     """Funnels by samples, by multipliers, backwards and back again."""
     air = environment.disturbed_air(planet, uncertainty)
@@ -31,7 +30,7 @@ def compute(
     design = samples(recursion)
     spacing = environment.spacing_of(loop, studies.coarse_stages)
     steps = environment.slices(loop, spacing)
-    variants = {"samples": by_samples(recursion, loop, gains, design, spacing, discretization)}
+    variants = {"samples": propagate(recursion, loop, gains, design, spacing)}
     levels, states = by_multipliers(recursion, loop, gains, spacing)
     variants["multipliers"] = levels, _outcome(levels, states)
     back, programs, outcome = backwards(recursion, loop, gains, design, steps, studies.backward_level)
@@ -51,15 +50,6 @@ def compute(
         round_trip=float(np.abs(back / returned - 1.0).max()),
         round_trip_shortfall=float((returned / back - 1.0).max()),
     )
-
-
-def by_samples(recursion: Recursion, loop, gains: Gains, design, spacing, discretization: Discretization):
-    """Levels of the funnel and its outcome: those of the study of the discretization where it has these slices."""
-    if spacing not in discretization.spacing:
-        return propagate(recursion, loop, gains, design, spacing)
-    number = list(discretization.spacing).index(spacing)
-    count = len(environment.slices(loop, spacing))
-    return discretization.level[0, number, :count], str(discretization.outcome[0, number])
 
 
 def by_multipliers(recursion: Recursion, loop, gains: Gains, spacing):

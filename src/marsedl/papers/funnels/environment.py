@@ -137,7 +137,7 @@ def state_scale(planet: Planet, guidance: Guidance):
 def initial_semi_axes(planet: Planet, uncertainty: Uncertainty):
     """Semi-axes of the initial set S_1, (6,)."""
     lengths, velocity, angles = uncertainty.initial_lengths, uncertainty.initial_velocity, uncertainty.initial_angles
-    return _state(planet.planet_radius, lengths, velocity, angles)
+    return uncertainty.initial_scale * _state(planet.planet_radius, lengths, velocity, angles)
 
 
 def initial_set(semi_axes):

@@ -5,11 +5,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import SymmetricalLogLocator
 
-from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, HEAT_RATE, LEVEL
+from marsedl.papers.funnels.basics import COMPLETE, HEAT_RATE, LEVEL
 from marsedl.papers.funnels.inputs import Mission, Planet, Studies
 from marsedl.papers.funnels.records import (
     STATE,
-    Discretization,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -17,7 +16,6 @@ from marsedl.papers.funnels.records import (
     LinearBounds,
     Linearization,
     Nominal,
-    Optima,
     Proven,
 )
 from marsedl.plotting.curves import SHADE, bounds, legend_below, legend_entry, mark, plot, trials, zero
@@ -33,16 +31,12 @@ SHOWN_UNIT = {"altitude": "km", "flight_path_angle": "deg", "heading": "deg"}
 FLIGHT = {"color": VERMILION, "linewidth": 0.4, "alpha": 0.6}
 END = {"color": VERMILION, "marker": "_", "linestyle": "none", "markersize": 9}
 LIMIT = {"linewidth": 1.2, "linestyle": "--"}
-ZERO = {"color": GREY, "linewidth": 0.8}
 DRAWN_FLIGHTS = 40
 DRAWN_SLICES = 10  # of the Dubins car
 FAR = 2.5  # times what else is drawn, beyond which a funnel leaves the axes
 END_SHARE = 0.2  # of the flight, in the enlarged part of Fig. 1
 LARGEST_DRAWN = 20.0  # km: slices that are larger leave the axes of Fig. 1
 FALLING = "#cfe6f5"  # where V falls, in Fig. 4
-CURVE_COLOR = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
-STEP_COLOR = (SKY, BLUE, BLACK, PURPLE)
-CONDITION_NAME = {"flow": "motion", "euler": "Euler"}
 
 
 # ---- figures of the paper --------------------------------------------------------------------------------------------
@@ -181,10 +175,10 @@ def fig04(studies: Studies, funnel: Funnel) -> Figure:
 # ---- beyond the paper ------------------------------------------------------------------------------------------------
 
 
-def nominal(mission: Mission, linearization: Linearization, nominal: Nominal, optima: Optima) -> Figure:
-    """The nominal over time, and all optima of the problem with their peaks of the heat rate."""
-    figure, panels = new_figure(8.4, 5.0, nrows=2, ncols=3)
-    altitude, velocity, bank, heat, costs, peaks = panels.flat
+def nominal(mission: Mission, linearization: Linearization, nominal: Nominal) -> Figure:
+    """The nominal over time."""
+    figure, panels = new_figure(6.4, 4.6, nrows=2, ncols=2)
+    altitude, velocity, bank, heat = panels.flat
     last = linearization.half_time[-1]
     for axes, path, unit in (
         (altitude, "state.altitude", "km"),
@@ -195,27 +189,10 @@ def nominal(mission: Mission, linearization: Linearization, nominal: Nominal, op
         plot(axes, linearization, path, unit=unit, x="half_time", color=BLUE)
         axes.set_xlim(0.0, last)
     mark(bank, y=mission.bank_bounds / DEGREE, **LIMIT)
-    limit = float(converted(mission.heat_rate_limit, "W/m^2", HEAT))
-    mark(heat, peaks, y=limit, **LIMIT)
+    limit = float(converted(nominal.heat_rate_limit, "W/m^2", HEAT))
+    mark(heat, y=limit, **LIMIT)
     at_nodes = field(nominal, "heat_rate", unit=HEAT).values.max()
     heat.set_title(f"at the nodes at most {at_nodes:.3f}, limit {limit:g}")
-
-    cost = field(optima, "cost", x=field(optima, "final_time"))
-    cost = cost.of(cost.values / DEGREE**2, "integral of the squared\nbank rate", "deg^2/s")
-    place = Field(optima.peak_position / optima.intervals, "its time", "share of the flight")
-    peak = field(optima, "peak_heat_rate", unit=HEAT, x=place)
-    for number, intervals in enumerate(np.unique(optima.intervals)):
-        mesh = optima.intervals == intervals
-        dots = {"color": CURVE_COLOR[number % len(CURVE_COLOR)], "marker": "o", "linestyle": "none"}
-        plot(costs, cost.where(mesh), **dots, label=f"{intervals} intervals")
-        plot(peaks, peak.where(mesh), **dots)
-    square = {"color": BLACK, "marker": "s", "markersize": 9, "fillstyle": "none", "linestyle": "none"}
-    costs.plot(last, nominal.cost / DEGREE**2, **square, label="the nominal")
-    costs.set_title("optima")
-    costs.legend()
-    peaks.set_title("peak between the nodes")
-    peaks.margins(0.15)
-    costs.margins(0.15)
     return figure
 
 
@@ -226,45 +203,38 @@ def bands(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, constant:
     places = {
         "half_width": field(funnel, "time"),
         "exact_half_width": field(linear_bounds, "slice_time"),
-        "reachable_half_width": field(linear_bounds, "time"),
     }
     for number, (component, axes) in enumerate(zip(STATE.names, panels.flat, strict=True)):
-        width, linear, least = (
+        width, linear = (
             _deviation(planet, component, getattr(record, name)[:, number], places[name])
-            for record, name in zip((funnel, linear_bounds, linear_bounds), places, strict=True)
+            for record, name in zip((funnel, linear_bounds), places, strict=True)
         )
         bounds(axes, *_about_zero(width), filled=True, color=BLUE)
         bounds(axes, *_about_zero(width), color=BLUE, linewidth=0.8)
         bounds(axes, *_about_zero(linear), color=BLACK, linestyle="--", linewidth=0.8)
-        bounds(axes, *_about_zero(least), color=GREEN, linewidth=0.9)
         histories = constant.kept_history[:DRAWN_FLIGHTS, :, number]
         trials(axes, _deviation(planet, component, histories, field(constant, "time")), label=None, **FLIGHT)
         ends = _deviation(planet, component, constant.final_state[:, number]).values
         if np.isfinite(ends).any():
             axes.plot(np.full(2, constant.time[-1]), _extremes(ends), clip_on=False, **END)
         # A funnel that fails may have slices of any size.
-        widest, most = np.nanmax(width.values, initial=0.0), FAR * max(linear.values.max(), least.values.max())
+        widest, most = np.nanmax(width.values, initial=0.0), FAR * linear.values.max()
         beyond = beyond or widest > most
         reach = 1.08 * min(widest or most, most)
         axes.set(xlim=(0.0, funnel.time[-1]), ylim=(-reach, reach))
     axes = panels[0, 0]
     axes.fill_between([], [], [], color=BLUE, alpha=SHADE, label="funnel" + (", beyond the axes" if beyond else ""))
     legend_entry(axes, "the same for linear dynamics", color=BLACK, linestyle="--", linewidth=0.8)
-    legend_entry(
-        axes, "least trace, linear dynamics, from the initial set in the first slice", color=GREEN, linewidth=0.9
-    )
     legend_entry(axes, f"{_kept(constant)}, from all of the first slice", color=VERMILION, linewidth=0.8)
     legend_entry(axes, "extremes of all flights at the end", **END)
     legend_below(figure, [axes], columns=2)
     return figure
 
 
-def heating(
-    mission: Mission, nominal: Nominal, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble
-) -> Figure:
+def heating(nominal: Nominal, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble) -> Figure:
     """Heat rate of the nominal, of the flights, and the largest on the funnel."""
     figure, axes = new_figure(6.4, 3.8)
-    limit = float(converted(mission.heat_rate_limit, "W/m^2", HEAT))
+    limit = float(converted(nominal.heat_rate_limit, "W/m^2", HEAT))
     reference = field(linearization, "heat_rate", unit=HEAT, x="half_time")
     on_funnel = field(funnel, "heat_rate", unit=HEAT, x="time")
     peak = field(nominal, "peak_heat_rate", unit=HEAT).values  # between the points that are drawn, too
@@ -310,58 +280,6 @@ def linear_bounds(
     for axes in (levels, ratio):
         axes.set(yscale="log", xlim=(0.0, funnel.time[-1]))
     legend_below(figure, [levels], columns=2)
-    return figure
-
-
-def euler(linearization: Linearization, discretization: Discretization) -> Figure:
-    """Euler bound against that of the motion, by stage and by step, and the levels of both by the number of slices."""
-    figure, (stages, orders, levels) = new_figure(9.0, 3.9, ncols=3)
-    last = linearization.time[-1]
-    step = Field(discretization.spacing * linearization.time[1], "step between slices", "s")
-    zero(stages, **ZERO)
-    for number, spacing in enumerate(step.values):
-        count = round(last / spacing)
-        excess = field(
-            discretization,
-            "excess",
-            at={"spacing": number},
-            unit="%",
-            name="Euler bound over that of the motion,\nless one",
-            x=Field(spacing * np.arange(discretization.excess.shape[1]), field(linearization, "time").name, "s"),
-        ).where(slice(count))
-        plot(stages, excess, color=STEP_COLOR[number % len(STEP_COLOR)], label=f"{count} stages")
-        below = {"color": VERMILION, "marker": ".", "linestyle": "none"}
-        plot(stages, excess.where(excess.values < 0.0), **below, markersize=3)
-    legend_entry(stages, "below: not a bound", **below, markersize=4)
-    stages.set_xlim(0.0, last)
-
-    mean = field(discretization, "mean_difference", unit="%", name="the same over all stages", x=step)
-    for values, marker, color, label in (
-        (mean.values, "o", BLUE, "mean magnitude"),
-        (100 * discretization.mean_excess, "^", GREEN, "mean"),
-        (-100 * discretization.least_excess, "s", VERMILION, "largest shortfall"),
-    ):
-        # A mean below zero, and a shortfall that there is not, have no place on a logarithmic axis.
-        positive = mean.of(np.where(values > 0.0, values, np.nan))
-        plot(orders, positive, marker=marker, color=color, markersize=4, label=label)
-    for order, style in ((2, ":"), (3, "--")):
-        guide = mean.of(1.5 * mean.values[0] * (step.values / step.values[0]) ** order)
-        plot(orders, guide, color=GREY, linestyle=style, label=f"order {order}")
-    orders.set(xscale="log", yscale="log")
-    orders.set_xticks(step.values, [f"{value:.3g}" for value in step.values])
-    orders.minorticks_off()
-
-    slices = Field(np.round(last / step.values).astype(int) + 1, "slices", "1")
-    for number, (condition, color) in enumerate(zip(CONDITIONS, (BLUE, ORANGE), strict=True)):
-        for path, label, style in (
-            ("peak_level", "largest", {"marker": "o", "fillstyle": "none"}),
-            ("final_level", "last", {"marker": "s", "linestyle": "--", "markersize": 3}),
-        ):
-            level = field(discretization, path, at={"condition": number}, name=r"level $\rho$", x=slices)
-            plot(levels, level, color=color, **style, label=f"{CONDITION_NAME[condition]}, {label}")
-    levels.set_xticks(slices.values, [str(number) for number in slices.values])
-    for axes in (stages, orders, levels):
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=7)
     return figure
 
 

@@ -1,6 +1,5 @@
 """Typed inputs of the funnels paper; their values and sources are in `configs/funnels.yaml`."""
 
-from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, PlainSerializer, Strict, model_validator
@@ -103,13 +102,21 @@ class Mission(Section):
     entry_flight_path_angle: Number = given("rad", "flight path angle at entry, positive while climbing")
     entry_heading: Number = given("rad", "heading at entry, counter-clockwise from east")
     final_altitude: Positive = given("m", "altitude at parachute deployment, where the flight ends")
-    final_downrange: Positive = given(
-        "m", "distance flown to the east, over the planet's radius the change of longitude"
+    final_downrange: Positive | None = given(
+        "m", "distance flown to the east, over the planet's radius the change of longitude; empty: by downrange_ratio"
+    )
+    downrange_ratio: Positive = given(
+        "1", "that distance, in whole km, over the one that the slowest arrival under constant bank flies"
     )
     final_velocity_bounds: vector(2, Positive) = given("m/s", "between which the final velocity must lie")
     least_velocity: Positive = given("m/s", "velocity below which the solver does not look")
     bank_bounds: vector(2) = given("rad", "between which the bank angle must lie")
-    heat_rate_limit: Positive = given("W/m^2", "largest heat rate, imposed at the nodes")
+    heat_rate_limit: Positive | None = given(
+        "W/m^2", "largest heat rate, imposed at the nodes; empty: by heat_rate_ratio"
+    )
+    heat_rate_ratio: Positive = given(
+        "1", "that limit, in tenths of W/cm^2, over the largest heat rate of the nominal without a limit"
+    )
     goal_lengths: vector(2, Positive) = given("m", "half widths of the goal region: downrange and crossrange")
 
     @model_validator(mode="after")
@@ -167,6 +174,7 @@ class Uncertainty(Section):
     initial_lengths: vector(3, Positive) = given("m", "semi-axes of the initial set: altitude, downrange, crossrange")
     initial_velocity: Positive = given("m/s", "its semi-axis of velocity")
     initial_angles: vector(2, Positive) = given("rad", "its semi-axes of flight path angle and heading")
+    initial_scale: Positive = given("1", "factor of all of these semi-axes")
     density_disturbance: Literal["parametric", "additive"] = given(
         "1", "how the disturbance w enters: in the exponent of the density, or added to it, in shares of its mean"
     )
@@ -182,8 +190,10 @@ class Recursion(Section):
     """How the funnel goes from slice to slice, and how its stages are checked."""
 
     steps_per_slice: Few = given("1", "fine steps from one slice of the funnel to the next")
-    shape: Literal["value_matrix", "minimum_trace"] = given(
-        "1", "shape of the slices: that of the regulator's cost, or of least trace around what linear dynamics reach"
+    shape: Literal["value_matrix", "minimum_trace", "minkowski"] = given(
+        "1",
+        "shape of the slices: that of the regulator's cost, or of least trace or, of Minkowski sums, least volume "
+        "around what linear dynamics reach",
     )
     condition: Literal["flow", "euler"] = given("1", "what a stage bounds: the integrated motion, or the Euler step")
     sampling: Literal["whitened", "raw"] = given(
@@ -262,9 +272,6 @@ class Car(Section):
 class Studies(Section):
     """Studies of the methods, and the plane of Fig. 4."""
 
-    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6), *WHOLE] = given(
-        "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
-    )
     benchmark_slice: Share = given("1", "slice whose stage is solved in all forms, as a share of the flight")
     benchmark_level: Positive = given("1", "level rho of that slice then")
     studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20), *WHOLE] = given(
@@ -273,11 +280,6 @@ class Studies(Section):
     stationary_slice: Share = given("1", "slice where stationary disturbances are sought, as a share of the flight")
     stationary_level: Positive = given("1", "level rho of that slice then")
     stationary_points: Few = given("1", "deviations for which they are sought")
-    studied_stages: Annotated[tuple[Few, ...], Field(min_length=1, max_length=6), *WHOLE] = given(
-        "1",
-        "stages in the study of their number, beside those of steps_per_slice. Of each we take the nearest number "
-        "that divides fine_steps",
-    )
     backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
     coarse_stages: Few = given(
         "1",
@@ -293,8 +295,6 @@ class Studies(Section):
 
     @model_validator(mode="after")
     def _studied(self):
-        if any(later % first or later <= first for first, later in pairwise(self.studied_intervals)):
-            raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
         if self.fig4_coordinates[0] == self.fig4_coordinates[1]:
             raise ValueError("fig4_coordinates: two different ones span a plane")
         return self

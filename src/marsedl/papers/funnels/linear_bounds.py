@@ -1,4 +1,4 @@
-"""What linear dynamics say of the same flights: levels, and the ellipsoid of least trace around what they reach.
+"""What linear dynamics say of the same flights: levels.
 
 The paper compares its funnel with linear ellipsoidal ones (robust entry funnels, Sec. 5). None of these is a bound of
 the entry: terms beyond the first order are left out. The disturbance is that of the density, in all readings.
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from marsedl.methods.funnels.linear import linear_exact, linear_triangle, minkowski_shape, slice_jacobians
+from marsedl.methods.funnels.linear import linear_exact, linear_triangle, slice_jacobians
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import half_widths
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Uncertainty, Vehicle
@@ -34,8 +34,6 @@ def compute(
     across, pushed = between_slices(transitions, responses, steps)
     shapes, scale = gains.shape[steps], environment.state_scale(planet, guidance)
     exact = linear_exact(across, pushed, shapes, gains.initial_level)
-    first_set = environment.initial_set(environment.initial_semi_axes(planet, uncertainty))
-    reachable = minkowski_shape(transitions, responses, first_set, scale)
     return LinearBounds(
         time=loop.time,
         slice_step=steps,
@@ -44,7 +42,6 @@ def compute(
         triangle_level=linear_triangle(across, pushed, shapes, gains.initial_level),
         undisturbed_level=linear_exact(across, pushed[:, :, :0], shapes, gains.initial_level),
         exact_half_width=half_widths(2.0 * exact[:, np.newaxis, np.newaxis] * _inverse(shapes, 1.0 / scale)),
-        reachable_half_width=half_widths(2.0 * _inverse(reachable, 1.0 / scale)),
     )
 
 

@@ -3,8 +3,10 @@
 The paper names its solver and prints no numbers of the problem. The heat rate is limited at the nodes alone, and that
 makes local optima: in each the heat rate peaks half-way between two neighbouring nodes, at both of which it is at the
 limit, and every pair of nodes near the peak has one. Finer meshes have more of them, closer together, and let the heat
-rate exceed its limit by less; see `optima`.
+rate exceed its limit by less.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,21 +24,34 @@ from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.density import TableExits
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.environment import STATES
-from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
-from marsedl.papers.funnels.records import Nominal, Optima
-from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Vehicle
+from marsedl.papers.funnels.records import Nominal
+from marsedl.replication.errors import InfeasibleError, MarsedlError, SolverError
 from marsedl.replication.pipeline.catalogue import stage
-from marsedl.replication.units import DEGREE
+from marsedl.replication.units import DEGREE, KM
 
 FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted
 SAME = 1e-5  # relative difference of costs below which two solutions are one optimum
 NOTHING = 1e-3  # cost in deg^2/s that counts as none
+INFEASIBLE = "Infeasible_Problem_Detected"  # as the solver says it
+# Flights of constant bank, of which the slowest arrival is taken: their spacing and step.
+BANK_SPACING, ARRIVAL_STEP = DEGREE, 0.5
+HIGH = 1e4  # m; who climbs so far above the entry altitude does not arrive
+# To what the limits are rounded that are given as ratios: a kilometre, and a tenth of W/cm^2.
+WHOLE_DOWNRANGE, WHOLE_HEAT_RATE = KM, 1e3
+
+
+class Limits(NamedTuple):
+    """What the nominal has to meet: its final downrange (m), and the largest heat rate at the nodes (W/m^2)."""
+
+    final_downrange: float
+    heat_rate: float
 
 
 # ---- the problem -----------------------------------------------------------------------------------------------------
 
 
-def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bounds) -> Problem:
+def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bounds, limits: Limits) -> Problem:
     """Least integral of the squared bank rate from entry to deployment (robust entry funnels, Sec. 4).
 
     The bank angle is a state, its rate the control, constant on each interval. The limit is imposed on the logarithm
@@ -44,7 +59,7 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bound
     """
     air = environment.undisturbed_air(planet)
     motion = environment.entry_rates(planet, vehicle, air)
-    largest = np.log(mission.heat_rate_limit)
+    largest = np.log(limits.heat_rate)
 
     def rates(*arguments):
         *state, bank, bank_rate = arguments
@@ -72,7 +87,7 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bound
         initial=dict(zip(STATES, environment.entry_state(mission), strict=True)),
         final={
             "altitude": mission.final_altitude,
-            "longitude": mission.entry_longitude + mission.final_downrange / planet.planet_radius,
+            "longitude": mission.entry_longitude + limits.final_downrange / planet.planet_radius,
         },
         boundary=(Condition("final velocity", lambda start, end: end["velocity"], slowest, fastest, 1e3),),
         path=(Condition("logarithm of the heat rate", log_heat_rate, -np.inf, largest),),
@@ -99,13 +114,14 @@ def constant_bank(mission: Mission, declared, intervals, bank, final_time) -> Gu
     return Guess(simulate(declared, start, still, time, relative_tolerance=1e-7), still, final_time)
 
 
-def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, intervals, guesses):
-    """Solve from every start of a list of bank angles and final times.
+def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, limits: Limits, intervals, guesses):
+    """Solve within limits from every start of a list of bank angles and final times.
 
     Returns:
         List with a `Solution` for every start, or the error with which it ended.
     """
-    program = Program(problem(planet, vehicle, mission, guidance.final_time_bounds), intervals, guidance.scheme)
+    declared = problem(planet, vehicle, mission, guidance.final_time_bounds, limits)
+    program = Program(declared, intervals, guidance.scheme)
     ends = []
     for bank, final_time in guesses:
         try:
@@ -118,6 +134,92 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
     return ends
 
 
+# ---- limits ----------------------------------------------------------------------------------------------------------
+
+
+def limits_of(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Limits:
+    """Final downrange and limit of the heat rate: as they are given, or by their ratios.
+
+    The peak without a limit is that of the first start that leads to a flight, whichever optimum is taken with one.
+    """
+    downrange, heat_rate = mission.final_downrange, mission.heat_rate_limit
+    if downrange is None:
+        slowest = slowest_arrival(planet, vehicle, mission, guidance)
+        downrange = float(np.round(mission.downrange_ratio * slowest / WHOLE_DOWNRANGE) * WHOLE_DOWNRANGE)
+    if heat_rate is None:
+        without, ends = Limits(downrange, np.inf), []
+        for start in allowed_starts(mission, guidance):
+            ends += search(planet, vehicle, mission, guidance, without, guidance.intervals, [start])
+            if isinstance(ends[-1], Solution):
+                break
+        else:
+            raise _failure(ends)
+        peak = peak_heat_rate(planet, vehicle, ends[-1])[0]
+        heat_rate = float(np.round(mission.heat_rate_ratio * peak / WHOLE_HEAT_RATE) * WHOLE_HEAT_RATE)
+    return Limits(downrange, heat_rate)
+
+
+def slowest_arrival(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> float:
+    """Downrange (m) of that flight under constant bank which is the slowest at the final altitude.
+
+    Of flights a degree apart, a parabola through the slowest and its neighbours is taken. Raises InfeasibleError if no
+    flight arrives.
+    """
+    air = environment.undisturbed_air(planet)
+    motion = environment.entry_rates(planet, vehicle, air)
+    low, high = mission.bank_bounds
+    banks = np.linspace(low, high, round((high - low) / BANK_SPACING) + 1)
+    state = np.repeat(environment.entry_state(mission)[:, np.newaxis], len(banks), axis=1)
+    arrival, flying = np.full((2, len(banks)), np.nan), np.ones(len(banks), dtype=bool)
+
+    def rates(state):
+        return np.array(np.broadcast_arrays(*motion(None, state, (banks,), (0.0, 0.0))))
+
+    for _ in range(round(guidance.final_time_bounds[1] / ARRIVAL_STEP)):
+        after = runge_kutta(rates, state, ARRIVAL_STEP)
+        there = flying & (after[0] <= mission.final_altitude)
+        share = (state[0] - mission.final_altitude) / np.where(there, state[0] - after[0], 1.0)
+        arrival[:, there] = (state[[1, 3]] + share * (after[[1, 3]] - state[[1, 3]]))[:, there]
+        flying &= ~there & (after[0] < mission.entry_altitude + HIGH)
+        if not flying.any():
+            break
+        state = np.where(flying, after, state)
+    longitude, velocity = arrival
+    if np.isnan(velocity).all():
+        raise InfeasibleError("nominal: no flight under constant bank arrives at final_altitude; steepen the entry", {})
+    slowest = int(np.nanargmin(velocity))
+    near = slice(slowest - 1, slowest + 2)
+    place = 0.0
+    if 0 < slowest < len(banks) - 1 and np.isfinite(velocity[near]).all():
+        before, at, after = velocity[near]
+        place = (before - after) / (2.0 * (before - 2.0 * at + after))
+    at = float(np.interp(slowest + place, np.arange(len(banks)), longitude)) if place else float(longitude[slowest])
+    return (at - mission.entry_longitude) * planet.planet_radius
+
+
+def runge_kutta(rates, state, step):
+    """A step of the classical method of fourth order."""
+    first = rates(state)
+    second = rates(state + 0.5 * step * first)
+    third = rates(state + 0.5 * step * second)
+    return state + step / 6.0 * (first + 2.0 * (second + third) + rates(state + step * third))
+
+
+def allowed_starts(mission: Mission, guidance: Guidance):
+    """The guess, or all starts, as the inputs say."""
+    return starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
+
+
+def best(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, limits: Limits) -> Solution:
+    """The solution from the guess, or the cheapest of all starts, as the inputs say."""
+    guesses = allowed_starts(mission, guidance)
+    ends = search(planet, vehicle, mission, guidance, limits, guidance.intervals, guesses)
+    solutions = distinct(ends)
+    if not solutions:
+        raise _failure(ends)
+    return solutions[0]
+
+
 # ---- the stage -------------------------------------------------------------------------------------------------------
 
 
@@ -125,31 +227,8 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
     TableExits(planet).count(np.array(planet.density_window)).say("density_window, over which the density is fitted")
-    guesses = starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
-    ends = search(planet, vehicle, mission, guidance, guidance.intervals, guesses)
-    solutions = distinct(ends)
-    if not solutions:
-        raise _failure(ends)
-    return described(planet, vehicle, solutions[0])
-
-
-@stage()
-def optima(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, studies: Studies) -> Optima:
-    """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
-    grid, rows = starts(mission, guidance), []
-    for intervals in (int(number) for number in studies.studied_intervals):
-        for solution in distinct(search(planet, vehicle, mission, guidance, intervals, grid)):
-            peak, time = peak_heat_rate(planet, vehicle, solution)
-            position = time / solution.final_time * intervals
-            rows.append((intervals, solution.objective * DEGREE**2, solution.final_time, peak, position))
-    intervals, cost, final_time, peak, position = np.array(rows).reshape(-1, 5).T
-    return Optima(
-        intervals=intervals.astype(np.int64),
-        cost=cost,
-        final_time=final_time,
-        peak_heat_rate=peak,
-        peak_position=position,
-    )
+    limits = limits_of(planet, vehicle, mission, guidance)
+    return described(planet, vehicle, best(planet, vehicle, mission, guidance, limits), limits)
 
 
 def distinct(ends):
@@ -165,7 +244,7 @@ def _same(one, other):
     return abs(one.objective - other.objective) <= SAME * max(abs(other.objective), NOTHING)
 
 
-def described(planet: Planet, vehicle: Vehicle, solution) -> Nominal:
+def described(planet: Planet, vehicle: Vehicle, solution, limits: Limits) -> Nominal:
     """A solution as an artifact."""
     state = solution.states[:, : len(STATES)]
     return Nominal(
@@ -176,6 +255,8 @@ def described(planet: Planet, vehicle: Vehicle, solution) -> Nominal:
         cost=float(solution.objective * DEGREE**2),
         heat_rate=environment.heat_rate(vehicle, environment.undisturbed_air(planet), state[:, 0], state[:, 3]),
         peak_heat_rate=peak_heat_rate(planet, vehicle, solution)[0],
+        heat_rate_limit=limits.heat_rate,
+        final_downrange=limits.final_downrange,
         status=solution.status,
         iterations=solution.iterations,
     )
@@ -207,10 +288,16 @@ def _failure(ends):
     which = "the guess leads to no solution" if len(ends) == 1 else f"none of {len(ends)} starts leads to a solution"
     message = (
         f"nominal: {which}; from the guess, {ends[0]}; give another guess_bank or guess_final_time, or a larger "
-        "heat_rate_limit"
+        "heat_rate_limit or heat_rate_ratio"
     )
     if not isinstance(ends[0], NotConvergedError):  # the guess itself could not be flown
         return MarsedlError(message)
     last = ends[0].solution
     names = [variable.name for variable in last.problem.states]
-    return SolverError(message, {"time": last.time, **dict(zip(names, last.states.T, strict=True))})
+    kind = InfeasibleError if all(_is_infeasible(end) for end in ends) else SolverError
+    return kind(message, {"time": last.time, **dict(zip(names, last.states.T, strict=True))})
+
+
+def _is_infeasible(end):
+    """Whether a solve ended as its constraints contradict each other."""
+    return isinstance(end, NotConvergedError) and end.solution.status == INFEASIBLE

@@ -19,7 +19,6 @@ EXTREME = Axis("extreme", "least", "largest")
 NORM = Axis("norm", "least", "median", "largest")
 BIN = Axis("bin", "below", "inside", "above")
 EDGE = Axis("edge", "lower", "upper")
-PER_SPACING = ("condition", "spacing")
 PER_CAR_SLICE = ("funnel", "slices")
 PER_CAR_STAGE = ("funnel", "stages")
 
@@ -39,22 +38,10 @@ class Nominal:
         "W/m^2", ("time",), "heat rate at the nodes, where it is limited", label="heat rate"
     )
     peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
+    heat_rate_limit: float = quantity("W/m^2", (), "limit of the heat rate at the nodes")
+    final_downrange: float = quantity("m", (), "distance flown to the east that is asked for")
     status: str = quantity("1", (), "how the solver ended", "str")
     iterations: int = quantity("1", (), "iterations of the solver")
-
-
-@record
-class Optima:
-    """All optima that were found on several meshes, by mesh and cost.
-
-    The heat rate is limited at the nodes, so that the nodes make optima of their own.
-    """
-
-    intervals: np.ndarray = quantity("1", ("optima",), "intervals of its mesh", "int64")
-    cost: np.ndarray = quantity("rad^2/s", ("optima",), "integral of the squared bank rate")
-    final_time: np.ndarray = quantity("s", ("optima",), "final time")
-    peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
-    peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
 
 
 @record
@@ -188,11 +175,6 @@ class LinearBounds:
     exact_half_width: np.ndarray = quantity(
         STATE.unit, ("slices", STATE), "largest deviation of each state within the level of the first kind"
     )
-    reachable_half_width: np.ndarray = quantity(
-        STATE.unit,
-        ("time", STATE),
-        "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
-    )
 
 
 @record
@@ -267,28 +249,15 @@ class Stationary:
 
 
 @record
-class Discretization:
-    """Funnels with more and fewer slices, by the motion and by the Euler step; levels are rho of the slices."""
+class EulerStep:
+    """What the Euler step of Eq. 22 leaves out, at the levels of the motion."""
 
-    spacing: np.ndarray = quantity(
-        "1", ("spacing",), "fine steps from one slice to the next", "int64", label="fine steps between slices"
-    )
-    condition: np.ndarray = quantity("1", ("condition",), "what a stage bounds: the motion, or the Euler step", "str")
-    level: np.ndarray = quantity("1", (*PER_SPACING, "slices"), "levels, as many as there are slices", allow_nan=True)
-    outcome: np.ndarray = quantity("1", PER_SPACING, "complete, or why the funnel ends", "str")
-    final_level: np.ndarray = quantity("1", PER_SPACING, "last level", allow_nan=True)
-    peak_level: np.ndarray = quantity("1", PER_SPACING, "largest level", allow_nan=True)
     excess: np.ndarray = quantity(
         "1",
-        ("spacing", "stages"),
+        ("stages",),
         "Euler bound over that of the motion from the same level, less one; negative: the Euler step bounds nothing",
         allow_nan=True,
     )
-    unsafe_share: np.ndarray = quantity("1", ("spacing",), "share of stages where that is negative", allow_nan=True)
-    least_excess: np.ndarray = quantity("1", ("spacing",), "least of them", allow_nan=True)
-    largest_excess: np.ndarray = quantity("1", ("spacing",), "largest of them", allow_nan=True)
-    mean_excess: np.ndarray = quantity("1", ("spacing",), "mean of them", allow_nan=True)
-    mean_difference: np.ndarray = quantity("1", ("spacing",), "mean of their magnitudes", allow_nan=True)
 
 
 @record

@@ -1,31 +1,21 @@
-"""The levels and their checks, the studies beside them, and what each reading gives."""
-
-from dataclasses import dataclass
+"""The levels and their checks, and the studies beside them."""
 
 import numpy as np
 
-from marsedl.papers.funnels.basics import COMPLETE
-from marsedl.papers.funnels.claims.measures import flown_levels, largest, largest_error, over_flown, peaks
-from marsedl.papers.funnels.inputs import FunnelsInputs, Planet
+from marsedl.papers.funnels.claims.measures import flown_levels, largest, largest_error, over_flown
+from marsedl.papers.funnels.inputs import Planet
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
-    Discretization,
     FlightEnsemble,
     Funnel,
     LinearBounds,
     Proven,
     StageStudy,
 )
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.records.tables import Column, table
-from marsedl.replication.units import DEGREE, KM, WATT_PER_CM2
+from marsedl.replication.units import DEGREE, KM
 
 TIMES = 13  # at which levels are tabulated
-# Inputs in which readings may differ that say how much is computed, not what.
-_SIZES = (
-    *("trials", "redrawn_trials", "adversarial_trials", "dubins_trials", "dubins_wind_trials", "drawn_trials"),
-    *("check_points", "ascent_starts", "ascent_polished", "tightness_starts", "tightness_polished", "fig4_points"),
-)
 PLACES = ("altitude", "downrange", "crossrange")
 ANGLES = ("flight path angle", "heading")
 # Half widths of the six states, as they are shown.
@@ -40,11 +30,6 @@ def _ground(radius, widths):
     """Half widths of the six states in km, km, km, m/s, deg and deg."""
     units = np.array([1.0 / KM, radius / KM, radius / KM, 1.0, 1.0 / DEGREE, 1.0 / DEGREE])
     return widths * units
-
-
-def _seconds(times):
-    """Times with commas between them; None without any."""
-    return ", ".join(f"{time:.0f} s" for time in times) or None
 
 
 # ---- the funnel ------------------------------------------------------------------------------------------------------
@@ -95,7 +80,6 @@ def half_widths(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, con
         sets = [
             ("funnel", funnel.half_width[k], funnel.feedback[k] / DEGREE),
             ("linear dynamics, same shape", linear_bounds.exact_half_width[k], None),
-            ("ellipsoid of least trace, linear", linear_bounds.reachable_half_width[funnel.step[k]], None),
         ]
         if k == len(funnel.level) - 1:
             sets.append((f"{len(ends):,} flights", [largest(column) for column in ends.T], None))
@@ -226,28 +210,6 @@ def few_samples(stage_study: StageStudy):
     )
 
 
-def euler_step(discretization: Discretization):
-    """What the Euler step of Eq. 22 leaves out, at the levels of the motion, stage by stage."""
-    study = discretization
-    rows = zip(
-        study.spacing,
-        *(100.0 * study.unsafe_share, -100.0 * study.least_excess, 100.0 * study.largest_excess),
-        *(100.0 * study.mean_excess, 100.0 * study.mean_difference),
-        strict=True,
-    )
-    return table(
-        rows,
-        {
-            "fine steps between slices": Column(),
-            "stages where it is too small": Column("%", ".1f"),
-            "too small by at most": Column("%", ".3f"),
-            "too large by at most": Column("%", ".3f"),
-            "mean": Column("%", "+.3f", "difference"),
-            "mean magnitude": Column("%", ".3f", "of the difference"),
-        },
-    )
-
-
 def variants(coarse_funnels: CoarseFunnels):
     """Funnels with coarse slices by other programs, orders and directions."""
     study = coarse_funnels
@@ -286,87 +248,3 @@ def proof(funnel: Funnel, proven: Proven):
             "inside of the slice": Column("", ".2e", "part of the bound"),
         },
     )
-
-
-# ---- over all readings -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Records(Artifacts):
-    """What the table over all readings is made from."""
-
-    funnel: Funnel
-    constant: FlightEnsemble
-    redrawn: FlightEnsemble
-    adversarial: FlightEnsemble
-
-
-def readings(readings: dict[str, tuple[FunnelsInputs, Records]], published):
-    """What each reading gives; readings: inputs and `Records` by reading."""
-    rows = []
-    default = readings["corrected"][0]
-    for name, (inputs, records) in readings.items():
-        funnel, constant = records.funnel, records.constant
-        laws = (constant, records.redrawn, records.adversarial)
-        ratio = over_flown(funnel, constant)
-        top = int(np.argmax(np.where(np.isfinite(funnel.level), funnel.level, -np.inf)))
-        has_maximum = np.isfinite(funnel.true_maximum).any()
-        rows.append(
-            (
-                name,
-                _differences(inputs, default),
-                *(funnel.level[0], funnel.level[top], funnel.time[top], funnel.level[-1]),
-                _seconds(funnel.time[peaks(funnel.level)]),
-                *_ground(inputs.planet.planet_radius, funnel.half_width[-1])[1:3],
-                *(np.median(ratio), np.max(ratio)),
-                int(sum(law.outside_at_slices + law.outside_between for law in laws)),
-                sum(len(law.outcome) for law in laws),
-                int(np.count_nonzero(funnel.true_maximum > funnel.growth)) if has_maximum else None,
-                len(funnel.bound),
-                100.0 * largest(funnel.violation),
-                largest(funnel.heat_rate) / WATT_PER_CM2,
-                largest(funnel.feedback) / DEGREE,
-                bool(funnel.stage_sound.all()),
-                inputs.recursion.sampling == "whitened",
-                "complete" if funnel.outcome == COMPLETE else funnel.outcome,
-            )
-        )
-    return table(
-        rows,
-        {
-            "reading": Column(),
-            "inputs that differ": Column(meaning="from those of corrected, SI"),
-            "first rho": Column("", ".5g"),
-            "largest rho": Column("", ".5g"),
-            "its time": Column("s", ".0f"),
-            "last rho": Column("", ".5g"),
-            "times of local maxima": Column(meaning="of rho"),
-            "last downrange half width": Column("km", ".4g"),
-            "last crossrange half width": Column("km", ".4g"),
-            "median of rho over flights": Column("", ".3g", "over the largest V of the flights, constant disturbance"),
-            "most of rho over flights": Column("", ".3g", "the same"),
-            "flights outside": Column(meaning="of all kinds"),
-            "flights": Column(meaning="of all kinds"),
-            "stages exceeded": Column(meaning="by motion beyond their bound, additive disturbances apart"),
-            "stages": Column(),
-            "exceeded by at most": Column("%", ".3f"),
-            "largest heat rate": Column("W/cm^2", ".4g", "in the funnel"),
-            "largest feedback": Column("deg", ".4g", "in the funnel"),
-            "certificates sound": Column(),
-            "samples on the slices": Column(),
-            "outcome": Column(),
-        },
-    )
-
-
-def _differences(inputs: FunnelsInputs, default: FunnelsInputs):
-    """Inputs that differ from the default reading's, with their values where these are short."""
-    texts = []
-    for name, key in sorted((key.partition(".")[2], key) for key in inputs.names()):
-        value = inputs.get(key)
-        if name in _SIZES or np.array_equal(value, default.get(key)):
-            continue
-        short = not isinstance(value, np.ndarray)
-        text = "any" if value is None else value if isinstance(value, str) else f"{value:.6g}" if short else ""
-        texts.append(f"{name} {text}".strip())
-    return ", ".join(texts) or None

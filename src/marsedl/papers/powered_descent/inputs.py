@@ -2,7 +2,8 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, Strict
+import numpy as np
+from pydantic import Field, PlainSerializer
 
 from marsedl.replication.inputs.sections import (
     ARRAY,
@@ -16,7 +17,6 @@ from marsedl.replication.inputs.sections import (
     Number,
     Positive,
     Section,
-    StudyTrials,
     at_most,
     covariance,
     given,
@@ -29,9 +29,11 @@ STATE_UNIT = "m, m, m/s, m/s"
 COVARIANCE_UNIT = "m^2, m^2, (m/s)^2, (m/s)^2"
 LARGEST_STEP_COUNT = 1_000_000
 COMMAND_SLACK = 1e-9  # relative; a command interval may be that much shorter than a step by rounding
-Passes = Annotated[int, Strict(), Field(ge=2, le=30)]  # the first, and one to compare it with
-FewPositive = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10), *ARRAY]
+FIT = 1e-9  # relative; a whole number of steps may be that far from one by rounding
 HeldIntervals = at_most(1000, "a certificate is a semidefinite program with a matrix for every interval")
+# As `ARRAY`, of whole numbers, and written as such.
+WHOLE = (ARRAY[0], PlainSerializer(lambda value: value.astype(int).tolist()))
+TwoSizes = Annotated[tuple[HeldIntervals, ...], Field(min_length=2, max_length=2), *WHOLE]
 
 
 class Planet(Section):
@@ -99,9 +101,9 @@ class Simulation(Section):
     integrator: Literal["rk4", "euler_maruyama", "semi_implicit_euler"] = given(
         "1", "scheme of the Monte Carlo simulation"
     )
-    time_step: Positive = given("s", "largest step of the Monte Carlo simulation")
+    time_step: Positive = given("s", "step of the Monte Carlo simulation; it has to fit the stored states")
     command_interval: Positive | None = given(
-        "s", "longest time over which a command is held, from each segment's start; empty: the command is continuous"
+        "s", "time over which a command is held, from each segment's start; empty: the command is continuous"
     )
     output_interval: Positive = given("s", "largest interval between stored states")
 
@@ -109,10 +111,7 @@ class Simulation(Section):
 class Ensemble(Trials):
     """How many trials are flown, from which random numbers."""
 
-    large_trials: CountOrNone = given("1", "trials of the large closed-loop ensemble; 0: none")
-    companion_trials: CountOrNone = given(
-        "1", "trials of its large companions: open loop, prior mass, wide switch; 0: none"
-    )
+    large_trials: CountOrNone = given("1", "trials of the large ensembles; 0: none")
     thrust_bins: Few = given("1", "bins of the thrust over time, from which its percentiles are taken")
     thrust_range: Positive = given("1", "largest thrust of these bins, in units of the maximum thrust")
     wide_switch_factor: Positive = given(
@@ -135,13 +134,7 @@ class Studies(Section):
         "N sqrt(s)", "between which the largest noise density with a singular Riccati solution is sought"
     )
     critical_density_points: Few = given("1", "noise densities between which its sign is compared")
-    choice_mass_flow_constants: FewPositive = given("kg/(N s)", "mass-flow constants that are tried")
-    choice_passes: Passes = given("1", "passes of the mass iteration that are tried")
-    choice_design_interval: Positive = given("s", "largest interval of the grid on which choices are compared")
-    choice_steps: FewPositive = given("s", "steps of both Euler schemes that are tried, whole multiples of the first")
-    choice_command_intervals: FewPositive = given("s", "times over which commands are held that are tried")
-    choice_trials: StudyTrials = given("1", "trials of each choice of the simulation")
-    certificate_intervals: vector(2, HeldIntervals) = given("1", "held intervals of the two optimality certificates")
+    certificate_intervals: TwoSizes = given("1", "held intervals of the two optimality certificates")
 
 
 class Drawing(Section):
@@ -153,7 +146,7 @@ class Drawing(Section):
 
 
 def check_steps(mission: Mission, design: Design, simulation: Simulation) -> None:
-    """Refuse steps that are longer than a segment, or too many in one."""
+    """Refuse steps that are longer than a segment, too many in one, or others than those that would be flown."""
     steps = {
         "simulation.time_step": simulation.time_step,
         "simulation.output_interval": simulation.output_interval,
@@ -167,10 +160,24 @@ def check_steps(mission: Mission, design: Design, simulation: Simulation) -> Non
         count = max(mission.segment_durations) / step
         if count > LARGEST_STEP_COUNT:
             raise ValueError(f"{name} makes {count:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}: raise it")
+    for duration in mission.segment_durations:
+        # Between stored states, which divide the segment evenly, lie equal steps: others than asked for if none fits.
+        interval = duration / np.ceil(duration / simulation.output_interval - FIT)
+        if not _is_whole(interval / simulation.time_step):
+            raise ValueError(
+                f"simulation.time_step ({simulation.time_step:g} s) does not fit the {interval:g} s between stored "
+                f"states of the segment of {duration:g} s: lower it to "
+                f"{interval / np.ceil(interval / simulation.time_step):g} s, or give a simulation.output_interval that "
+                "is a multiple of it and a part of the segment"
+            )
+
+
+def _is_whole(number: float) -> bool:
+    return abs(number - round(number)) <= FIT * max(number, 1.0) and number > 0.5
 
 
 def check_command(simulation: Simulation, mission: Mission) -> None:
-    """Refuse commands that are held for less than a step, or for more than a segment."""
+    """Refuse commands that are held for less than a step, for a part of one, or for more than a segment."""
     interval = simulation.command_interval
     if interval is None:
         return
@@ -184,6 +191,12 @@ def check_command(simulation: Simulation, mission: Mission) -> None:
         raise ValueError(
             f"simulation.command_interval ({interval:g} s) is longer than a segment "
             f"({min(mission.segment_durations):g} s): lower it"
+        )
+    if not _is_whole(interval / simulation.time_step):
+        raise ValueError(
+            f"simulation.command_interval ({interval:g} s) is no whole number of simulation.time_step "
+            f"({simulation.time_step:g} s), so that commands would be held for "
+            f"{int(interval / simulation.time_step) * simulation.time_step:g} s: give a multiple, or another time_step"
         )
 
 
@@ -209,29 +222,12 @@ def check_thrust_unit(planet: Planet, vehicle: Vehicle, noise: Noise) -> None:
         )
 
 
-def check_studies(mission: Mission, studies: Studies) -> None:
-    """Refuse ranges that are none, and tried steps that share no noise or are longer than a held command."""
+def check_studies(studies: Studies) -> None:
+    """Refuse ranges that are none."""
     ranges = {"density_range": studies.density_range, "critical_density_range": studies.critical_density_range}
     for name, (lowest, highest) in ranges.items():
         if lowest >= highest:
             raise ValueError(f"studies.{name} must increase, but is from {lowest:g} to {highest:g}: exchange them")
-    steps = studies.choice_steps
-    multiples = steps / steps[0]
-    if (multiples < 1 - COMMAND_SLACK).any() or (abs(multiples - multiples.round()) > 1e-6).any():
-        raise ValueError(
-            f"studies.choice_steps must be whole multiples of the first, {steps[0]:g} s, so that all share its noise"
-        )
-    for name, longest in (("choice_steps", steps.max()), ("choice_design_interval", studies.choice_design_interval)):
-        if longest > min(mission.segment_durations):
-            raise ValueError(f"studies.{name} ({longest:g} s) is longer than a segment: lower it")
-    if max(mission.segment_durations) / steps[0] > LARGEST_STEP_COUNT:
-        raise ValueError(f"studies.choice_steps makes more than {LARGEST_STEP_COUNT} steps in a segment: raise it")
-    shortest = studies.choice_command_intervals.min()
-    if shortest < steps.max() * (1 - COMMAND_SLACK):
-        raise ValueError(
-            f"studies.choice_command_intervals ({shortest:g} s) is shorter than the longest of studies.choice_steps "
-            f"({steps.max():g} s), within which no command can change: raise it"
-        )
 
 
 class PoweredDescentInputs(Inputs):
@@ -243,9 +239,9 @@ class PoweredDescentInputs(Inputs):
         "prior_mass": "ensemble.trials",
         "wide_switch": "ensemble.trials",
         "closed_loop_large": "ensemble.large_trials",
-        "open_loop_large": "ensemble.companion_trials",
-        "prior_mass_large": "ensemble.companion_trials",
-        "wide_switch_large": "ensemble.companion_trials",
+        "open_loop_large": "ensemble.large_trials",
+        "prior_mass_large": "ensemble.large_trials",
+        "wide_switch_large": "ensemble.large_trials",
     }
     CHECKS: ClassVar = (check_steps, check_command, check_thrust_unit, check_studies)
 

@@ -55,7 +55,7 @@ def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, no
     )
 
 
-def mass_passes(divert, plant, start, *, feedback=True, transitions=None):
+def mass_passes(divert, plant, start, *, feedback=True):
     """Yield the passes of Algorithm 3 from the constant wet mass, without end.
 
     Args:
@@ -63,7 +63,6 @@ def mass_passes(divert, plant, start, *, feedback=True, transitions=None):
         plant: `flight.Plant`.
         start: initial state with the wet mass, (5,), SI.
         feedback: whether the control of the simulated flight has the feedback; without it only the mean control flies.
-        transitions: those of the linear model, (k, 4, 4) by segment, if they are known; they do not depend on the mass.
 
     Yields:
         The mass at all nodes after the pass (k,), kg; `Steering` by segment of the design before it; the final state of
@@ -71,7 +70,7 @@ def mass_passes(divert, plant, start, *, feedback=True, transitions=None):
 
     """
     time, segment = segments.joined_time(divert.times)
-    mass = np.full(len(time), start[4])
+    mass, transitions = np.full(len(time), start[4]), None  # these do not depend on the mass
     while True:
         models = [segments.linear_model(part, plant.gravity) for (part,) in segments.split(segment, mass)]
         problems = segments.problems_along(divert, models, transitions)

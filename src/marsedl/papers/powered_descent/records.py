@@ -161,46 +161,6 @@ class Certificates:
 
 
 @record
-class Choices:
-    """What choices that the paper leaves open give: the final mass of Algorithm 3, and the mean final state."""
-
-    downrange_sign: np.ndarray = quantity("1", ("downrange_sign",), "sign of the initial downrange velocity", "int64")
-    vertical_sign: np.ndarray = quantity("1", ("vertical_sign",), "sign of the initial vertical velocity", "int64")
-    exchanged: np.ndarray = quantity("1", ("exchanged",), "whether the two initial speeds are exchanged", "bool")
-    mass_flow_constant: np.ndarray = quantity("kg/(N s)", ("mass_flow_constant",), "mass flow per thrust")
-    feedback: np.ndarray = quantity("1", ("feedback",), "whether the flights of the iteration have feedback", "bool")
-    final_mass: np.ndarray = quantity(
-        "kg",
-        ("downrange_sign", "vertical_sign", "exchanged", "mass_flow_constant", "feedback", "passes"),
-        "final mass of the profile after each pass",
-        label="final mass",
-        allow_nan=True,
-    )
-    profile: np.ndarray = quantity("1", ("profile",), "mass profile that the design assumes", "str")
-    command_interval: np.ndarray = quantity(
-        "s", ("command_interval",), "time over which a command is held; 0: continuous"
-    )
-    scheme: np.ndarray = quantity("1", ("simulation",), "scheme of the simulation", "str")
-    step: np.ndarray = quantity("s", ("simulation",), "its step")
-    trials: int = quantity("1", (), "trials of each choice of the simulation")
-    mean: np.ndarray = quantity(
-        MOTION.unit, ("profile", "command_interval", "simulation", MOTION), "mean final state", label="mean"
-    )
-    covariance: np.ndarray = quantity(
-        "SI",
-        ("profile", "command_interval", "simulation", MOTION, MOTION),
-        "covariance of the final state",
-        allow_nan=True,
-    )
-    mean_error: np.ndarray = quantity(
-        "SI",
-        ("profile", "command_interval", "simulation", MOTION, MOTION),
-        "covariance of the error of the mean",
-        allow_nan=True,
-    )
-
-
-@record
 class Flights:
     """What chunks and ensembles have in common."""
 

@@ -13,9 +13,10 @@ from marsedl.methods.covariance_steering.closed_form import (
 from marsedl.models.dynamics.powered_descent import mass_flow_constant
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Vehicle
 from marsedl.papers.powered_descent.records import Linearization
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import InfeasibleError
 
 SEGMENTS = 2
+STATES = ("downrange", "altitude", "downrange_velocity", "vertical_velocity")  # under gravity alone, of an error
 
 
 class Divert(NamedTuple):
@@ -132,14 +133,15 @@ def _ends(divert: Divert, number: int) -> dict:
 
 
 def steered(problems):
-    """The steering of every segment; MarsedlError that names the segment whose problem has no solution."""
+    """The steering of every segment; InfeasibleError that names the segment whose problem has no solution."""
     steerings = []
     for number, problem in enumerate(problems, start=1):
         try:
             steerings.append(steer(problem))
         except SteeringError as error:
-            raise MarsedlError(
+            raise InfeasibleError(
                 f"segment {number}: {error}; give the segment another duration or target covariance, or write "
-                "boundary_condition 'corrected'"
+                "boundary_condition 'corrected'",
+                {"time": problem.time, **dict(zip(STATES, problem.affine_response.T, strict=True))},
             ) from None
     return steerings

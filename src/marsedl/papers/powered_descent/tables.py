@@ -1,6 +1,4 @@
-"""Tables: one reading's final state against Eq. 54, its studies, and what each reading reproduces."""
-
-from dataclasses import dataclass
+"""The final state against Eq. 54, and the studies."""
 
 import numpy as np
 
@@ -8,33 +6,17 @@ from marsedl.montecarlo.statistics import (
     mean_standard_error,
     two_sample_covariance_deviance,
 )
-from marsedl.montecarlo.streaming import FinalMoments, observed_maxima
-from marsedl.papers.powered_descent.claims.measures import MASS, MOTION_PART, mean_chi_square, printed_covariance
-from marsedl.papers.powered_descent.inputs import PoweredDescentInputs
+from marsedl.montecarlo.streaming import FinalMoments
+from marsedl.papers.powered_descent.claims.measures import MOTION_PART, printed_covariance
 from marsedl.papers.powered_descent.records import (
-    THRUST,
     Certificates,
-    Choices,
     FixedPointStudy,
     FlightEnsemble,
-    Gains,
-    Nominal,
 )
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.records.tables import Column, frame, table
 
 NAMES, UNITS = ("r1", "r2", "v1", "v2"), ("m", "m", "m/s", "m/s")
 VARIANCE_ERROR = "largest error of the final variances"
-
-
-@dataclass(frozen=True)
-class Records(Artifacts):
-    """What the table over all readings is made from."""
-
-    nominal: Nominal
-    gains: Gains
-    closed_loop: FlightEnsemble
-    closed_loop_large: FlightEnsemble | None = None
 
 
 def agreement(published, ensemble):
@@ -132,123 +114,4 @@ def certified_costs(certificates: Certificates):
         intervals=Column(label="held intervals"),
         mean_cost_ratio=".7f",
         covariance_cost_ratio=".4f",
-    )
-
-
-def choices_of_mass(published, choices: Choices):
-    """Final mass of Algorithm 3 with each choice of signs, exchanged speeds and mass-flow constant."""
-    printed, masses = published["prior_final_mass"], choices.final_mass
-    axes = (choices.downrange_sign, choices.vertical_sign, choices.exchanged, choices.mass_flow_constant)
-    with_feedback, without = (int(np.flatnonzero(choices.feedback == value)[0]) for value in (True, False))
-    rows = [
-        (
-            *(axis[i] for axis, i in zip(axes, index, strict=True)),
-            masses[(*index, with_feedback, -1)],
-            masses[(*index, with_feedback, 0)],
-            masses[(*index, without, 0)],
-            bool((np.abs(masses[index] - printed.printed) <= printed.resolution / 2).any()),
-        )
-        for index in np.ndindex(masses.shape[:4])
-    ]
-    return table(
-        rows,
-        {
-            "downrange": Column(meaning="sign of the initial downrange velocity"),
-            "vertical": Column(meaning="sign of the initial vertical velocity"),
-            "exchanged": Column(meaning="whether sine and cosine of the angle are exchanged"),
-            "mass-flow constant": Column("kg/(N s)", ".5g"),
-            "final mass": Column("kg", ".2f", f"after {masses.shape[-1]} passes"),
-            "after one pass": Column("kg", ".2f"),
-            "after one pass without feedback": Column("kg", ".2f", "the flight of the pass has the mean control alone"),
-            "rounds to the printed": Column(meaning=f"a pass of either iteration ends at {printed.printed} kg"),
-        },
-    )
-
-
-def choices_of_simulation(published, choices: Choices):
-    """Mean final state with each choice of mass profile, held command, scheme and step, and its fit to Eq. 54."""
-    from scipy.special import chdtrc
-
-    chi_square = mean_chi_square(published, choices)
-    rows = [
-        (
-            str(choices.profile[index[0]]).replace("_", " "),
-            choices.command_interval[index[1]],
-            str(choices.scheme[index[2]]),
-            choices.step[index[2]],
-            *choices.mean[index],
-            chi_square[index],
-            chdtrc(len(NAMES), chi_square[index]),
-        )
-        for index in np.ndindex(chi_square.shape)
-    ]
-    return table(
-        rows,
-        {
-            "mass profile": Column(meaning="that the design assumes"),
-            "command held": Column("s", "g", "0: continuous"),
-            "scheme": Column(),
-            "step": Column("s", "g"),
-            **{f"mean {name}": Column(unit, ".3f") for name, unit in zip(NAMES, UNITS, strict=True)},
-            "chi-square": Column("", ".1f", "of the printed mean, 4 degrees of freedom"),
-            "p": Column("", ".2g", "probability of a larger one by chance"),
-        },
-    )
-
-
-def readings(readings: dict[str, tuple[PoweredDescentInputs, Records]], published):
-    """What each reading reproduces: its noise and target, the masses, and the tests of the printed covariance.
-
-    A reading has a row for the paper's number of trials, and one for its large ensemble if it has one.
-
-    readings: inputs and `Records` by reading. published: claims by id.
-    """
-    rows = []
-    # Rows of equal numbers of trials stand together: only these compare.
-    sizes = ("closed_loop", "closed_loop_large")
-    flights = [(name, *of, getattr(of[1], size)) for size in sizes for name, of in readings.items()]
-    for name, inputs, records, ensemble in flights:
-        if ensemble is None:
-            continue
-        gains, nominal = records.gains, records.nominal
-        target = np.diag(inputs.mission.final_covariance)
-        whole, without_mean = agreement(published, ensemble)
-        mass = FinalMoments(ensemble, MASS)
-        rows.append(
-            (
-                name,
-                gains.noise_density_design,
-                gains.noise_density_plant,
-                target[0],
-                nominal.mass[-1],
-                mass.mean,
-                mean_standard_error(mass.variance, mass.count),
-                100 * np.abs(np.diag(gains.covariance[-1]) / target - 1).max(),
-                whole.statistic,
-                whole.p_value,
-                without_mean.statistic,
-                without_mean.p_value,
-                observed_maxima(ensemble, THRUST).max() / inputs.vehicle.maximum_thrust,
-                mass.count,
-            )
-        )
-    error = "standard error of the mean final mass"
-    return table(
-        rows,
-        {
-            "reading": Column(),
-            "design noise": Column("N sqrt(s)", ".4g", "noise density that the boundary condition designs for"),
-            "plant noise": Column("N sqrt(s)", ".4g", "noise density of the plant"),
-            "target var r1": Column("m^2", "g", "variance of the final downrange that is asked for"),
-            "prior final mass": Column("kg", ".3f", "last entry of the mass profile that is assumed beforehand"),
-            "mean final mass": Column("kg", ".3f", "over the trials", error=error),
-            error: Column("kg"),
-            "largest error of the predicted final variances": Column("%", ".3g", "against the target"),
-            "deviance": Column("", ".1f", "of the printed covariance, 10 degrees of freedom"),
-            "p": Column("", ".2g", "of this deviance"),
-            "deviance without r1": Column("", ".1f", "6 degrees of freedom"),
-            "p without r1": Column("", ".2g", "of this deviance"),
-            "largest thrust over the maximum": Column("", ".3f", "over the trials"),
-            "trials": Column(),
-        },
     )

@@ -9,13 +9,8 @@ PAPER = Paper(
     citation="J. Ridderhof, P. Tsiotras, Chance-Constrained Covariance Steering in a Gaussian Random Field via "
     "Successive Convex Programming",
     closeups=("iterations",),
-    # Gains of 1e18 and more and the flights under them, and how nearly two solutions of one program agree.
-    noise=(
-        "literal_gains/gains/*",
-        "literal_gains/montecarlo.aerocapture/*",
-        "claims/*/literal_gains",
-        "corrected/certificates/*_gain_difference",
-    ),
+    # What gains of 1e18 and more make of the claims, and how nearly two solutions of one program agree.
+    noise=("claims/*/literal_gains", "corrected/certificates/*_gain_difference"),
     solves=(
         Solve("double_integrator", "status", "solver_iterations"),
         Solve("gains", "status", "solver_iterations"),

@@ -13,7 +13,7 @@ from marsedl.montecarlo.statistics import central_moments
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.records import Certificates, Linearization, Nominal
@@ -32,7 +32,6 @@ def compute(
     mission: Mission,
     guidance: Guidance,
     simulation: Simulation,
-    studies: Studies,
     nominal: Nominal,
     linearization: Linearization,
 ) -> Certificates:
@@ -61,11 +60,11 @@ def compute(
         history_gain_difference=float(np.abs(innovations.gain - history.gain)[:, 1:].max()),
         other_objective=other.objective,
         other_solver=other.solver,
-        samples=studies.study_trials,
+        samples=simulation.paper_trials,
         **_identities(posed.system, innovations),
         **_separation(simulation, system, innovations),
         convexity=_convexity(guidance, simulation, posed, innovations),
-        **_sampled(air, simulation, studies, model),
+        **_sampled(air, simulation, model),
         **_dependence(posed.system),
     )
 
@@ -177,11 +176,11 @@ def _convexity(guidance: Guidance, simulation: Simulation, posed, law):
     return least
 
 
-def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
+def _sampled(air: Air, simulation: Simulation, model):
     """The process along the nominal and its integrals over the intervals, from samples of the spatial field."""
     grid = environment.field_grid(air)
     process = random_field.markov(environment.kernel(air), grid)
-    count = studies.study_trials
+    count = simulation.paper_trials
     process_samples = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
     process_samples += air.variation_mean
     along_path = random_field.interpolate(model.field_altitude, grid, process_samples)

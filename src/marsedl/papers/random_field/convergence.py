@@ -1,14 +1,16 @@
-"""How the iteration ends, and what mends it: many iterations with one and with both branches of the clean-up burn."""
+"""How the iteration ends: many more iterations than the paper's, with its end steps and with these halved."""
 
 import numpy as np
 
-from marsedl.papers.random_field.flight_statistics import lost
+from marsedl.montecarlo import ensembles
+from marsedl.papers.random_field import gains, montecarlo
+from marsedl.papers.random_field.flight_statistics import delta_v_percentile, lost
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
-from marsedl.papers.random_field.montecarlo import Flights
-from marsedl.papers.random_field.partition import with_short_end_steps
-from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
-from marsedl.papers.random_field.variants import design, ensemble, percentiles
-from marsedl.replication.pipeline.catalogue import stage
+from marsedl.papers.random_field.linearization import motion_of, of_guess
+from marsedl.papers.random_field.partition import with_halved_end_steps
+from marsedl.papers.random_field.records import VARIANTS, Convergence, Gains, Nominal
+from marsedl.replication.errors import MarsedlError
+from marsedl.replication.pipeline.catalogue import Flown, stage
 
 
 @stage(claimed_in=("corrected",))
@@ -22,20 +24,15 @@ def compute(
     studies: Studies,
     nominal: Nominal,
 ) -> Convergence:
-    """Run every variant for the study's number of iterations, and fly all of its laws."""
-    rows = []
-    for variant in VARIANTS:
-        branch = "both" if variant == "both_branches" else "mean"
-        changes = {"iterations": studies.convergence_iterations, "clean_up_branch": branch}
-        times = {}
-        if variant == "short_end_steps":
-            nodes = with_short_end_steps(mission.partition, studies.end_step_parts, simulation.time_step)
-            times["partition"] = tuple(nodes)
-        steered, timed = guidance.model_copy(update=changes), mission.model_copy(update=times)
-        flights = Flights(planet, air, vehicle, timed, simulation)
-        laws = design(flights, steered, nominal)
-        trials = ensemble(flights, nominal, laws, studies.study_trials)
-        percentile, error = percentiles(trials)
+    """Run both variants for the study's number of iterations, and fly all of their laws as often as the paper."""
+    guidance, rows = guidance.model_copy(update={"iterations": studies.convergence_iterations}), []
+    halved = tuple(with_halved_end_steps(mission.partition, simulation.time_step))
+    for variant, nodes in zip(VARIANTS, (mission.partition, halved), strict=True):
+        flights = montecarlo.Flights(planet, air, vehicle, mission.model_copy(update={"partition": nodes}), simulation)
+        laws = _design(flights, guidance, nominal)
+        flown = Flown("aerocapture", simulation.paper_trials, ensembles.BLOCK_SIZE)
+        trials = montecarlo.gather(planet, mission, [montecarlo.simulate(*flights, nominal, laws, flown=flown)])
+        percentile, error = zip(*(delta_v_percentile(trials, law) for law in range(len(trials.delta_v))), strict=True)
         change = np.abs(np.diff(laws.control, axis=0)).max(axis=1)
         rows.append(
             {
@@ -52,3 +49,13 @@ def compute(
             }
         )
     return Convergence(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+
+
+def _design(flights: montecarlo.Flights, guidance: Guidance, nominal: Nominal) -> Gains:
+    """The design of a variant; raises MarsedlError if its partition gives none."""
+    motion = motion_of(*flights)
+    linear = of_guess(flights.mission, guidance, motion, nominal)
+    if linear.refused:
+        raise MarsedlError(f"there is no design to study: {linear.refused}")
+    planet, air, vehicle, mission, simulation = flights
+    return gains.along_motion(planet, air, vehicle, mission, guidance, simulation, motion, nominal, linear)

@@ -152,7 +152,7 @@ def solved(point_mass: PointMass, constrained=True):
     return posed, solution
 
 
-@stage(claimed_in=("printed", "corrected", "cc_to_4"))
+@stage()
 def compute(point_mass: PointMass) -> DoubleIntegrator:
     """Run the iterations.
 

@@ -14,7 +14,7 @@ from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegrat
 from marsedl.replication.pipeline.catalogue import stage
 
 
-@stage(claimed_in=("printed", "corrected", "cc_to_4"))
+@stage()
 def compute(
     simulation: Simulation, point_mass: PointMass, double_integrator: DoubleIntegrator
 ) -> DoubleIntegratorFlights:

@@ -19,7 +19,6 @@ from marsedl.papers.random_field.inputs import (
     Planet,
     PointMass,
     Simulation,
-    Studies,
     Vehicle,
 )
 from marsedl.papers.random_field.records import (
@@ -78,9 +77,8 @@ SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of a
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
 VARIANT_STYLE = {
-    "one_branch": (VERMILION, "o", "one branch, as in the paper"),
-    "both_branches": (BLUE, "s", "both branches"),
-    "short_end_steps": (GREEN, "^", "one branch, short end steps"),
+    "as_designed": (VERMILION, "o", "as designed"),
+    "short_end_steps": (GREEN, "^", "short end steps"),
 }
 APOAPSIS_MARGIN = 0.2  # planet radii about target and nominals, in the closed-loop half of the map
 LARGEST_APOAPSIS = 3.0  # times the target, in the open-loop half
@@ -764,7 +762,7 @@ def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     return figure
 
 
-def convergence(mission: Mission, guidance: Guidance, studies: Studies, convergence: Convergence) -> Figure:
+def convergence(mission: Mission, guidance: Guidance, simulation: Simulation, convergence: Convergence) -> Figure:
     """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
     figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
     any_percentile = False
@@ -779,7 +777,7 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
         losses = ""
         if lost.size and lost.max() > 0:
             losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
-            losses = f"; {losses} of {studies.study_trials:,} flights lost"
+            losses = f"; {losses} of {simulation.paper_trials:,} flights lost"
         reached, predicted, flights, error = (
             field(convergence, path, at={"variant": row}, unit=unit, name=name)
             for path, unit, name in (

@@ -26,7 +26,7 @@ from marsedl.papers.random_field.nominal import (
     states_of,
 )
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import InfeasibleError, MarsedlError, SolverError
 from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.records.fields import quantities
 
@@ -169,7 +169,11 @@ def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition
                 f"covariance steering program: {error}: set navigation_deviations above zero, or ill_conditioned to "
                 "'report'"
             ) from None
-        except (ValueError, RuntimeError) as error:
+        except block_program.InfeasibleProgram as error:
+            raise InfeasibleError(f"covariance steering program: {error}", {"control": control}) from None
+        except RuntimeError as error:
+            raise SolverError(str(error), {"control": control}) from None
+        except ValueError as error:
             raise MarsedlError(f"covariance steering program: {error}") from None
         current = fly(solution.control[:, 0])
         end = current[-1]

@@ -8,6 +8,7 @@ from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.inputs.sections import (
+    ARRAY,
     Count,
     Drawn,
     Inputs,
@@ -28,11 +29,11 @@ from marsedl.sections.vehicle import EntryVehicle
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
 
-Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201)]
+Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201), *ARRAY]
+Examples = Annotated[tuple[Number, ...], Field(min_length=1, max_length=100), *ARRAY]
 Tail = Annotated[float, Strict(), Field(gt=0, lt=0.5)]  # beyond one half the constraint is not convex
 Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
 Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
-Parts = Annotated[int, Strict(), Field(ge=2, le=50)]
 Correlation = Annotated[float, Strict(), Field(gt=-1, lt=1)]
 SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix that counts as positive definite
 
@@ -207,9 +208,7 @@ class Simulation(Trials):
 class Studies(Section):
     """Studies beside the paper."""
 
-    study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
     convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
-    end_step_parts: Parts = given("1", "parts into which a study divides the first and the last step of the partition")
 
 
 class PointMass(Section):
@@ -277,10 +276,8 @@ class Drawing(Section):
     delta_v_window: vector(2, Positive) = given("m/s", "delta-v interval shown for the closed loop")
     example_length: Positive = given("1", "length scale of the fields of Figs. 1 and 2, whose variance is one")
     example_extent: Positive = given("1", "coordinates from 0 to this are drawn")
-    example_positions: Annotated[tuple[Number, ...], Field(min_length=1, max_length=100)] = given(
-        "1", "positions of the measurements of Fig. 1"
-    )
-    example_values: Annotated[tuple[Number, ...], Field(min_length=1, max_length=100)] = given("1", "their values")
+    example_positions: Examples = given("1", "positions of the measurements of Fig. 1")
+    example_values: Examples = given("1", "their values")
     example_noise: NonNegative = given("1", "standard deviation of their noise")
     example_edge: Number = given("1", "value to which the edge of Fig. 2 is conditioned")
 

@@ -15,6 +15,7 @@ from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.random_field.nominal import finite_or_nan, partition_used, states_of
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
+from marsedl.replication.errors import InfeasibleError
 from marsedl.replication.pipeline.catalogue import stage
 
 UNITS = np.array([1e3, 100.0, 0.01])  # m, m/s, rad: every program is posed in these
@@ -126,13 +127,20 @@ def along(motion: Motion, partition, control, states) -> Model:
     places = np.concatenate(places)
     covariance = motion.covariance(places[:, np.newaxis], places[np.newaxis, :])
     end = states[-1]
+    apoapsis = float(orbits.apoapsis_radius(*end, motion.gravity))
+    if not np.isfinite(apoapsis):
+        raise InfeasibleError(
+            f"the nominal flight leaves at {end[1]:.0f} m/s and is not captured, so that there is no apoapsis to "
+            "linearise: give a steeper entry_flight_path_angle, or let entry_angle be solved",
+            dict(zip(("radius", "velocity", "flight_path_angle"), states.T, strict=True)),
+        )
     return Model(
         state=states[nodes],
         transition=np.array(transitions),
         control=np.array(controls),
         disturbance_covariance=field_disturbance.disturbance_covariance(effects, weights, covariance),
         pressure_gradient=np.column_stack([slope[nodes[:-1]], 2.0 / states[nodes[:-1], 1], np.zeros(len(nodes) - 1)]),
-        apoapsis=float(orbits.apoapsis_radius(*end, motion.gravity)),
+        apoapsis=apoapsis,
         apoapsis_gradient=orbits.gradient(lambda *state: orbits.apoapsis_radius(*state, motion.gravity), end),
         delta_v=float(orbits.total_delta_v(*end, *motion.targets)),
         field_map=block_diag(*((w[:, np.newaxis] * f).T for w, f in zip(weights, effects, strict=True))),

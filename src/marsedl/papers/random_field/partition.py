@@ -16,17 +16,10 @@ def partition_fault(nodes, final_time):
     return ""
 
 
-def with_short_end_steps(nodes, parts, time_step):
-    """The partition with its first and last interval divided into parts, each a whole number of integration steps."""
-    ends = {0, len(nodes) - 2}
-    short = [nodes[0]]
-    for index, (earlier, later) in enumerate(pairwise(nodes)):
-        for part in range(1, parts if index in ends else 1):
-            node = round((earlier + (later - earlier) * part / parts) / time_step) * time_step
-            if short[-1] < node < later:
-                short.append(node)
-        short.append(later)
-    return short
+def with_halved_end_steps(nodes, time_step):
+    """The partition with its first and last interval halved, to whole integration steps."""
+    middles = (sum(interval) / 2 for interval in (nodes[:2], nodes[-2:]))
+    return sorted({*nodes, *(round(middle / time_step) * time_step for middle in middles)})
 
 
 def steps_between_outputs(nodes, time_step, longest):

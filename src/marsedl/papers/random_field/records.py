@@ -8,7 +8,7 @@ from marsedl.replication.records.fields import Axis, quantity, record
 OPEN, CLOSED = 0, 1  # laws of the double integrator
 BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-up burn
 # One linearised branch, as in the paper; both branches in the program; one branch and short end steps.
-VARIANTS = ("one_branch", "both_branches", "short_end_steps")
+VARIANTS = ("as_designed", "short_end_steps")
 MOTION = Axis("motion", radius="m", velocity="m/s", flight_path_angle="rad")
 STATE = Axis(
     "state",
@@ -169,7 +169,7 @@ class Certificates:
 
 @record
 class Convergence:
-    """Iteration histories of the variants, which the file names in its order; law 0 is the open loop."""
+    """Iteration histories of the variants; law 0 is the open loop."""
 
     variant: np.ndarray = quantity("1", ("variant",), "name of the variant", "str")
     outcome: np.ndarray = quantity("1", ("variant",), "converged, cycling or stopped", "str")

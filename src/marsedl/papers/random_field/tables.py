@@ -1,6 +1,4 @@
-"""Iterations, spread of the states, violations, the double integrator, the studies, and what each reading gives."""
-
-from dataclasses import dataclass
+"""Iterations, spread of the states, violations, the double integrator, and the studies."""
 
 import numpy as np
 
@@ -9,7 +7,7 @@ from marsedl.papers.random_field.claims.measures import OPEN, node_deviations, n
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
-from marsedl.papers.random_field.inputs import Guidance, PointMass, RandomFieldInputs, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, PointMass, Vehicle
 from marsedl.papers.random_field.records import (
     CLOSED,
     Certificates,
@@ -18,30 +16,15 @@ from marsedl.papers.random_field.records import (
     DoubleIntegratorFlights,
     FlightEnsemble,
     Gains,
-    Nominal,
 )
 from marsedl.replication.claims.thresholds import CONFIDENCE
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.records.tables import Column, described, frame, table
-from marsedl.sections.air import MeanDensity
 
-PAPER = "in the paper"
 PERCENTILE = f"{100 * LEVEL:g}th percentile"
 GAIN = Column("", ".3g", "in units of 1 km, 100 m/s, 0.01 rad")
 APOAPSIS = Column("planet radii", ".3f", "of the nominal, after the exit")
 LOST = Column(meaning="that are not captured")
 STATES = (("r", 1e-3, "km"), ("v", 1.0, "m/s"), ("gamma", 180.0 / np.pi, "deg"))
-VARIANT_NAMES = {
-    "one_branch": "as in the paper",
-    "both_branches": "both branches in the program",
-    "short_end_steps": "short end steps",
-}
-# Inputs in which readings may differ that only stand for another nominal density.
-_DENSITY = (
-    *(f"air.{name}" for name in (*MeanDensity.model_fields, "density_beyond_table")),
-    *("simulation.trials", "simulation.paper_trials", "simulation.drawn_trials"),
-    "point_mass.double_integrator_trials",
-)
 
 
 def _share(count, trials):
@@ -351,8 +334,8 @@ def certificates(certificates: Certificates):
 
 
 def convergence_history(guidance: Guidance, convergence: Convergence):
-    """Histories of the iteration: as in the paper, with both branches in the program, with short end steps."""
-    variants = [VARIANT_NAMES.get(str(variant), str(variant)) for variant in convergence.variant]
+    """Histories of the iteration: as designed, and with short end steps."""
+    variants = [str(variant).replace("_", " ") for variant in convergence.variant]
     return frame(
         convergence,
         coordinates={
@@ -373,103 +356,3 @@ def convergence_history(guidance: Guidance, convergence: Convergence):
         outcome=Column(label="end of the iteration", meaning="converged, cycling, or stopped without either"),
         period=Column(label="period of the cycle"),
     )
-
-
-# ---- over all readings -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Records(Artifacts):
-    """What the tables over all readings are made from."""
-
-    nominal: Nominal
-    gains: Gains
-    aerocapture: FlightEnsemble
-
-
-def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """Readings that differ in the nominal density alone, against the printed angle, time and percentiles."""
-    printed = [
-        published[f"acap_{name}"].printed for name in ("entry_fpa", "time_max_q", "dv_p99_open", "dv_p99_closed")
-    ]
-    paper = (printed[0], None, printed[1], None, None, printed[2], None, printed[3], None)
-    rows = [(PAPER, *paper, published["acap_dv_p99_open"].trials)]
-    reference = readings["corrected"][0]
-    for name, (inputs, records) in readings.items():
-        differing = (key for key in inputs.names() if not np.array_equal(inputs.get(key), reference.get(key)))
-        if set(differing) <= set(_DENSITY):
-            nominal, ensemble = records.nominal, records.aerocapture
-            angle = float(np.degrees(nominal.entry_flight_path_angle))
-            time = nominal.time_of_largest_dynamic_pressure
-            laws = (delta_v_percentile(ensemble, law, LEVEL) for law in (OPEN, len(ensemble.delta_v) - 1))
-            cells = angle, angle - printed[0], time, time - printed[1], nominal.lowest_altitude / 1e3
-            rows.append((name, *cells, *(cell for law in laws for cell in law), ensemble.outcome.shape[1]))
-    return table(
-        rows,
-        {
-            "nominal density": Column(meaning="the reading"),
-            "entry flight path angle": Column("deg", ".4f"),
-            "entry flight path angle, less the printed": Column("deg", "+.4f"),
-            "time of largest dynamic pressure": Column("s", ".2f"),
-            "time of largest dynamic pressure, less the printed": Column("s", "+.2f"),
-            "lowest altitude": Column("km", ".2f", "of the nominal"),
-            **_with_error(f"open loop: {PERCENTILE}", ".1f", "of delta-v"),
-            **_with_error(f"last iteration: {PERCENTILE}", ".1f", "of delta-v"),
-            "trials": Column(),
-        },
-    )
-
-
-def readings(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """What each reading gives."""
-    paper = published["acap_dv_p99_open"].printed, None, published["acap_dv_p99_closed"].printed
-    rows = [(PAPER, *paper, *[None] * 9, published["acap_trials"].printed)]
-    for name, (_, records) in readings.items():
-        gains, ensemble, nominal = records.gains, records.aerocapture, records.nominal
-        trials, last = ensemble.outcome.shape[1], len(gains.control) - 1
-        k = int(np.searchsorted(gains.partition, nominal.time_of_largest_dynamic_pressure)) - 1
-        by_step, _ = step_violations(ensemble, gains.partition)
-        of_the_last = (
-            *delta_v_percentile(ensemble, last, LEVEL),
-            gains.control[-1, k],
-            gains.control[-1, min(k + 1, len(gains.partition) - 2)],
-            *_share(by_step[-1].max(), trials),
-            gains.largest_gain[-1],
-        )
-        rows.append(
-            (
-                name,
-                *delta_v_percentile(ensemble, OPEN, LEVEL),
-                *(of_the_last if last > OPEN else [None] * len(of_the_last)),
-                gains.outcome,
-                gains.refused,
-                trials,
-            )
-        )
-    return table(
-        rows,
-        {
-            "reading": Column(),
-            **_with_error(f"open loop: {PERCENTILE}", ".2f", "of delta-v"),
-            **_with_error(f"last iteration: {PERCENTILE}", ".2f", "of delta-v"),
-            "mean control": Column("", "+z.3f", "in the interval of the largest dynamic pressure, last iteration"),
-            "mean control after it": Column("", "+z.3f", "in the interval that follows"),
-            **_share_columns("beyond the control limits at the worst step", meaning="last iteration"),
-            "largest gain": GAIN,
-            "end of the iteration": Column(meaning="converged, cycling, stopped without either, or refused"),
-            "why there is no law": Column(),
-            "trials": Column(),
-        },
-    )
-
-
-def readings_laws(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """What every law of each reading gives."""
-    rows = []
-    for name, (_, records) in readings.items():
-        away = lost(records.aerocapture)
-        for law, apoapsis in enumerate(records.gains.apoapsis):
-            percentile = delta_v_percentile(records.aerocapture, law, LEVEL)
-            rows.append((name, _law(law), *percentile, away[law], apoapsis))
-    columns = {"reading": Column(), "law": Column(), **_with_error(PERCENTILE, ".2f", "of delta-v")}
-    return table(rows, columns | {"lost trials": LOST, "apoapsis": APOAPSIS})

@@ -1,4 +1,4 @@
-"""Figures of the paper, and three beyond it. Each function draws one file from artifacts."""
+"""Figures of the paper, and two beyond it. Each function draws one file from artifacts."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,7 +20,6 @@ from marsedl.papers.stochastic_entry.records import (
     STATES,
     TRIGGERS,
     VELOCITY,
-    ErrorBudget,
     FlightEnsemble,
     Gains,
     Linearization,
@@ -35,8 +34,8 @@ from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
 from marsedl.replication.units import DEGREE, KM, converted
 
 LAWS = ("apollo", "stochastic")
-LAW_COLOR = {"apollo": BLUE, "stochastic": VERMILION, "nominal": GREY}
-LAW_NAME = {"apollo": "Apollo", "stochastic": "stochastic", "nominal": "no corrections"}
+LAW_COLOR = {"apollo": BLUE, "stochastic": VERMILION}
+LAW_NAME = {"apollo": "Apollo", "stochastic": "stochastic"}
 CASE_COLOR = {"apollo_time": BLUE, "apollo_velocity": SKY, "stochastic_time": VERMILION, "stochastic_velocity": ORANGE}
 UNITS = {"altitude": "km", "velocity": "m/s", "flight_path_angle": "deg", "downrange": "km", "crossrange": "km"}
 IN_LINEAR_MODEL = {"altitude": "radius", **{name: name for name in ("velocity", "flight_path_angle", "downrange")}}
@@ -403,37 +402,6 @@ def fig13(linearization: Linearization, gains: Gains) -> Figure:
     plot(axes, line, color=GREY, linewidth=0.8, label="no range error at the velocity trigger")
     axes.set_title(f"{100 * ELLIPSE_PROBABILITY:.2f} % ellipses at $t_f$ ({radius:.2f} sigma)")
     legend_below(figure, [axes], columns=2)
-    return figure
-
-
-def error_budget(error_budget: ErrorBudget) -> Figure:
-    """Share of every source of uncertainty in the variance of the final range error."""
-    figure, panels = new_figure(7.4, 6.2, nrows=2, sharex=True, sharey=True)
-    sources = [str(source) for source in error_budget.source]
-    single = [k for k, source in enumerate(sources) if source != "all"]
-    every = sources.index("all")
-    places, width = np.arange(len(single) + 1), 0.26
-    names = [*(sources[k].replace("flight ", "flight\n") for k in single), "sum of\nthese"]
-    for number, (trigger, axes) in enumerate(zip(TRIGGERS, panels, strict=True)):
-        sums = []
-        for row, law in enumerate(str(law) for law in error_budget.law):
-            total = error_budget.deviation[row, number, every] ** 2
-            shares = error_budget.deviation[row, number, single] ** 2 / total
-            values = 100 * np.append(shares, shares.sum())
-            at = places + (row - 1) * width
-            axes.bar(at, np.nan_to_num(values), width, color=LAW_COLOR[law], label=LAW_NAME[law])
-            sums.append(f"{LAW_NAME[law]} {np.sqrt(total):,.0f} m" if total > 0 else f"{LAW_NAME[law]} no finite trial")
-            least = 100 * error_budget.floor[number] ** 2 / total
-            edges = at[sources.index("density")] + np.array([-0.5, 0.5]) * width
-            axes.plot(edges, [least, least], color=BLACK, zorder=4)
-        mark(axes, y=100.0, linestyle="--")
-        together = f"{trigger} trigger, all sources together: {', '.join(sums)}"
-        title = f"{together}\nfloor of the density's part: {error_budget.floor[number]:,.0f} m"
-        axes.set(ylabel="share of the range variance (%)", title=title)
-    legend_entry(panels[0], "floor of the density's part", color=BLACK)
-    legend_below(figure, panels, columns=4)
-    panels[-1].set_xticks(places, names, fontsize=8)
-    panels[-1].set_xlabel(f"only source of uncertainty ({error_budget.trials:,} flights each)")
     return figure
 
 

@@ -67,8 +67,8 @@ FEATURES = 7
 SIGHTED_CROSSRANGE, DOWNRANGE_ANGLE, CROSSRANGE_ANGLE = range(3)  # of the target: m, rad, rad
 SIGHTED = 3
 # What the guidance of a trial remembers, and whether it still flies.
-DIRECTION, COMMAND, COMMAND_BEFORE, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, ALIGNING, FLYING = range(8)
-STEERED = 8
+DIRECTION, COMMAND, COMMAND_BEFORE, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, ALIGNING, FLYING, ELAPSED = range(9)
+STEERED = 9  # the last: guidance periods from the command before to the next one
 NOMINAL, BY_VELOCITY, BY_TIME = range(3)
 
 HEADING_FORMS = {"corrected": CORRECTED, "printed": PRINTED}
@@ -101,6 +101,7 @@ class Law(NamedTuple):
     reference: np.ndarray  # (rows, FEATURES)
     bank_cosine: np.ndarray  # (rows,), u_ref of BY_TIME
     least_drag: float  # m/s^2, below which BY_VELOCITY does not correct
+    ends_within: bool = False  # whether heading alignment begins with the next integration step, not the next period
 
 
 class Schedule(NamedTuple):
@@ -363,7 +364,7 @@ def _row(velocity, table):
 @inline_njit
 def _correct_by_velocity(law, feature, constants, steering):
     """Add the feedback of a law against velocity to the bank cosines, where it corrects at all."""
-    _, table, gain, reference, _, least_drag = law
+    _, table, gain, reference, _, least_drag, _ = law
     for lane in range(LANES):
         velocity = feature[VELOCITY, lane]
         gravity = constants.gravitational_parameter / (feature[0, lane] * feature[0, lane])
@@ -383,7 +384,7 @@ def _correct_by_velocity(law, feature, constants, steering):
 @inline_njit
 def _command_cosine(law, cycle, feature, constants, steering):
     """Bank cosine that a law commands (Eqs. 31, 40, 50), limited to -1 ... 1."""
-    kind, _, gain, reference, bank_cosine, _ = law
+    kind, _, gain, reference, bank_cosine, _, _ = law
     if kind == BY_TIME:
         row = min(cycle, len(gain) - 1)
         for lane in range(LANES):
@@ -436,36 +437,69 @@ def _command_bank(time, feature, sight, constants, steering, final):
             steering[COMMAND, lane] = turned * arc_cosine(steering[COMMAND_COSINE, lane])
     if aligning > 0:
         for lane in range(LANES):
-            limit = heading_alignment_limit(
-                feature[VELOCITY, lane],
-                constants.alignment_limit_velocity,
-                constants.alignment_first_limit,
-                constants.alignment_last_limit,
-            )
-            ratio = heading_alignment_ratio(
-                sight[DOWNRANGE_ANGLE, lane], sight[CROSSRANGE_ANGLE, lane], constants.alignment_form
-            )
-            command = limited_heading_alignment(
-                arctangent(*ratio), constants.alignment_gain, limit, constants.alignment_form
-            )
+            command = _alignment(lane, feature, sight, constants)
             cosine, aligned = sine_cosine(command)[1], steering[ALIGNING, lane] > 0.0
             steering[COMMAND, lane] = command if aligned else steering[COMMAND, lane]
             steering[COMMAND_COSINE, lane] = cosine if aligned else steering[COMMAND_COSINE, lane]
 
 
 @inline_njit
+def _alignment(lane, feature, sight, constants):
+    """Bank command of the heading alignment (Eq. 58)."""
+    limit = heading_alignment_limit(
+        feature[VELOCITY, lane],
+        constants.alignment_limit_velocity,
+        constants.alignment_first_limit,
+        constants.alignment_last_limit,
+    )
+    ratio = heading_alignment_ratio(
+        sight[DOWNRANGE_ANGLE, lane], sight[CROSSRANGE_ANGLE, lane], constants.alignment_form
+    )
+    return limited_heading_alignment(arctangent(*ratio), constants.alignment_gain, limit, constants.alignment_form)
+
+
+@inline_njit
+def _reached(lane, constants, steering):
+    """Bank that is reached at a command (Eq. 71)."""
+    command, largest_change = steering[COMMAND, lane], constants.largest_bank_change * steering[ELAPSED, lane]
+    if constants.limit_as_printed:
+        return rate_limited_bank_as_printed(command, steering[COMMAND_BEFORE, lane], largest_change)
+    return rate_limited_bank(command, steering[FLOWN_BANK, lane], largest_change)
+
+
+@inline_njit
+def _passes(lane, state, constants, steering):
+    """Whether a trial in range control is slow enough for the heading alignment."""
+    steered = steering[FLYING, lane] > 0.0 and steering[ALIGNING, lane] == 0.0
+    return steered and state[SPEED, lane] <= constants.alignment_velocity
+
+
+@njit(error_model="numpy")
+def _align_within(share, state, feature, sight, constants, steering, largest, aero):
+    """Start the heading alignment of those trials that pass its velocity after a share of a guidance period."""
+    for lane in range(LANES):
+        if _passes(lane, state, constants, steering):
+            steering[ALIGNING, lane], steering[ELAPSED, lane] = 1.0, share
+            steering[COMMAND_BEFORE, lane] = steering[COMMAND, lane]
+            steering[COMMAND, lane] = _alignment(lane, feature, sight, constants)
+            steering[COMMAND_COSINE, lane] = sine_cosine(steering[COMMAND, lane])[1]
+            bank, before = _reached(lane, constants, steering), steering[FLOWN_BANK, lane]
+            change = abs(bank - before)
+            steering[FLOWN_BANK, lane], steering[FLOWN_CHANGE, lane] = bank, change
+            steering[ELAPSED, lane] = 1.0 - share
+            largest[BANK, lane] = np.maximum(largest[BANK, lane], abs(bank))
+            largest[BANK_CHANGE, lane] = np.maximum(largest[BANK_CHANGE, lane], change)
+            aero[SINE, lane], aero[COSINE, lane] = sine_cosine(steering[FLOWN_BANK, lane])
+
+
+@inline_njit
 def _limit_rate(cycle, constants, steering, largest):
     """Bank that is flown in a guidance period (Eq. 71)."""
     for lane in range(LANES):
-        command, before = steering[COMMAND, lane], steering[FLOWN_BANK, lane]
-        if cycle == 0:
-            bank = command
-        elif constants.limit_as_printed:
-            bank = rate_limited_bank_as_printed(command, steering[COMMAND_BEFORE, lane], constants.largest_bank_change)
-        else:
-            bank = rate_limited_bank(command, before, constants.largest_bank_change)
+        before = steering[FLOWN_BANK, lane]
+        bank = _reached(lane, constants, steering) if cycle > 0 else steering[COMMAND, lane]
         change = abs(bank - before) if cycle > 0 else 0.0
-        steering[FLOWN_BANK, lane], steering[FLOWN_CHANGE, lane] = bank, change
+        steering[FLOWN_BANK, lane], steering[FLOWN_CHANGE, lane], steering[ELAPSED, lane] = bank, change, 1.0
         flying = steering[FLYING, lane] > 0.0
         # np.maximum keeps NaN, so a trial that went wrong shows it.
         largest_bank = np.maximum(largest[BANK, lane], abs(bank))
@@ -536,8 +570,14 @@ def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, firs
                     state[row, lane] = state[row, lane] if steering[FLYING, lane] > 0.0 else ended[row, lane]
         cycle, substep = flown_steps // substeps, flown_steps % substeps
         time = cycle * constants.period
-        if over or substep == 0 or flown_steps % every == 0:
+        passing = 0
+        if law.ends_within and substep > 0 and not over:
+            for lane in range(LANES):
+                passing += _passes(lane, state, constants, steering)
+        if over or substep == 0 or flown_steps % every == 0 or passing > 0:
             _observe(state, parameters, feature, sight)
+        if passing > 0:
+            _align_within(substep / substeps, state, feature, sight, constants, steering, largest, aero)
         if substep == 0 and not over:
             _command_cosine(law, cycle, feature, constants, steering)
             _command_bank(time, feature, sight, constants, steering, final)
@@ -687,7 +727,7 @@ def fly(
             atmosphere.log_retention,
         ),
         # Copies, as loaded arrays are read-only, for which the kernel would be compiled once more.
-        Law(law.kind, *(np.array(part) for part in law[1:5]), law.least_drag),
+        Law(law.kind, *(np.array(part) for part in law[1:5]), law.least_drag, law.ends_within),
         Schedule(velocity_trigger, float(end_time), cycles, substeps, every),
         state,
         (pad_to_groups(vehicles.drag_factor), pad_to_groups(vehicles.lift_factor)),

@@ -1,7 +1,5 @@
 """Feedback gains of both laws for both triggers, and the covariance that the linear model predicts (Sec. III.B, C)."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from marsedl.methods.covariance_steering.chance import chance_factor
@@ -28,19 +26,11 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import InfeasibleError, SolverError
 from marsedl.replication.pipeline.catalogue import stage
 
 # Radius, velocity, path angle, downrange, density: sizes of their deviations, for well-scaled linear algebra.
 STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
-
-
-class ApolloChoices(NamedTuple):
-    """What the paper leaves open of the Apollo law, and its overcontrol."""
-
-    form: str  # "five_state", "drag" or "density_blind": what it feeds back
-    time_adjoint: str  # "time" or "velocity": what the adjoint of the time-triggered law aims at
-    overcontrol: float
 
 
 def partition_starts(guidance: Guidance, design: Design, intervals, interval=None):
@@ -71,12 +61,13 @@ def problem(
 
 
 def solved(posed):
-    """The solution of a problem; MarsedlError unless it is optimal, InfeasibleProblem if there is none."""
+    """The solution of a problem; SolverError unless it is optimal, InfeasibleProblem if there is none."""
     solution = solve(posed)
     if solution.status != "optimal":
-        raise MarsedlError(
+        raise SolverError(
             f"the dual of the stochastic law: {solution.status}; a limit may lie at the least that can be attained: "
-            "loosen altitude_limit, flight_path_angle_limit or control_limit a little"
+            "loosen altitude_limit, flight_path_angle_limit or control_limit a little",
+            {"control_multiplier": solution.control_multipliers, "control_ratio": solution.control_ratio},
         )
     return solution
 
@@ -108,19 +99,19 @@ def held_covariance(fine, starts, gain, initial_covariance):
 def compute(guidance: Guidance, design: Design, linearization: Linearization) -> Gains:
     """Design both laws for both triggers.
 
-    Raises MarsedlError if a chance constraint cannot be met, saying which one and by how much.
+    Raises InfeasibleError if a chance constraint cannot be met, saying which one and by how much.
     """
     stochastic = [_stochastic(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
-    choices = ApolloChoices(design.apollo_form, design.apollo_time_adjoint, design.overcontrol)
-    apollo = [apollo_law(guidance, linearization, choices, trigger) for trigger in range(len(TRIGGERS))]
+    apollo = [_apollo(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
     rows, posed = _table_rows(linearization), problem(guidance, design, linearization, 0)
+    velocity = linearization.state[rows, 1]
     return Gains(
         time=linearization.time,
         partition_start=partition_starts(guidance, design, len(linearization.control)),
         control_weight=design.control_weight / per_metre(design) ** 2,
         control_limit=posed.control_limits,
-        table_velocity=linearization.state[rows, 1],
-        table_reference=_features(linearization)[rows],
+        table_velocity=velocity,
+        table_reference=_references(velocity, _features(linearization)[rows], design.apollo_table_end),
         **{name: np.array([law[name] for law in stochastic]) for name in stochastic[0]},
         **{name: np.array([law[name] for law in apollo]) for name in apollo[0]},
     )
@@ -131,23 +122,6 @@ def _interval_of(starts, periods):
     return np.searchsorted(starts, np.arange(periods), side="right") - 1
 
 
-def stochastic_solution(guidance: Guidance, design: Design, linearization, trigger, interval=None):
-    """The solution of Problem 1 for a trigger, and the feedback gain of every guidance period, (periods, 5).
-
-    interval: of the partition, s; the reading's own unless given. Raises MarsedlError if there is no such law.
-    """
-    periods = len(linearization.control)
-    try:
-        solution = solved(problem(guidance, design, linearization, trigger, interval))
-    except InfeasibleProblem as error:
-        raise MarsedlError(
-            f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
-            "flight_path_angle_limit: raise the one that is named, or control_limit"
-        ) from None
-    interval_of_period = _interval_of(partition_starts(guidance, design, periods, interval), periods)
-    return solution, solution.gain[interval_of_period]
-
-
 def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
     """Gains of Problem 1 by its Lagrange dual, or by Eq. 55a as printed, which solves no problem."""
     posed, fine = problem(guidance, design, linearization, trigger), system(linearization)
@@ -155,11 +129,19 @@ def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
     floor = noise_floor(fine, posed.objective)
     if design.gain_equation == "printed":
         return _as_printed(guidance, design, linearization, trigger, posed, floor)
-    solution, gain = stochastic_solution(guidance, design, linearization, trigger)
+    try:
+        solution = solved(posed)
+    except InfeasibleProblem as error:
+        raise InfeasibleError(
+            f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
+            "flight_path_angle_limit: raise the one that is named, or control_limit",
+            {"control_limit": posed.control_limits},
+        ) from None
+    interval_of_period = _interval_of(starts, len(fine.control))
     return {
-        "stochastic_gain": gain,
+        "stochastic_gain": solution.gain[interval_of_period],
         "stochastic_covariance": held_covariance(fine, starts, solution.gain, linearization.initial_covariance),
-        "stochastic_control_variance": solution.control_variance[_interval_of(starts, len(fine.control))],
+        "stochastic_control_variance": solution.control_variance[interval_of_period],
         "control_ratio": solution.control_ratio,
         "final_ratio": solution.final_ratio,
         "control_multiplier": solution.control_multipliers,
@@ -201,25 +183,25 @@ def _as_printed(guidance: Guidance, design: Design, linearization, trigger, pose
     }
 
 
-def apollo_law(guidance: Guidance, linearization, choices: ApolloChoices, trigger):
+def _apollo(guidance: Guidance, design: Design, linearization, trigger):
     """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances.
 
     Returns the fields of `Gains` that one trigger has, by name.
     """
     fine = system(linearization)
-    aim = TRIGGERS.index(choices.time_adjoint) if trigger == 0 else 1
+    aim = TRIGGERS.index(design.apollo_time_adjoint) if trigger == 0 else 1
     downrange = np.eye(STATES)[DOWNRANGE]
     final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
-    adjoint = adjoint_gains(fine.transition, fine.control, final_adjoint, choices.overcontrol)
+    adjoint = adjoint_gains(fine.transition, fine.control, final_adjoint, design.overcontrol)
     timed, equivalent, table = adjoint.gain, adjoint.gain, np.zeros((len(adjoint.gain), flight.FEATURES))
-    if choices.form == "density_blind":
+    if design.apollo_form == "density_blind":
         # The final adjoint without density: the trigger's projection has none of it in its downrange row.
         slaved = adjoint_gains(
-            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], choices.overcontrol
+            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], design.overcontrol
         )
         equivalent = np.column_stack([slaved.gain, np.zeros(len(slaved.gain))])
         timed = equivalent
-    if choices.form == "drag":
+    if design.apollo_form == "drag":
         state = linearization.state[:-1]
         drag, cosine = linearization.drag[:-1], np.cos(state[:, 2])
         gains = drag_form(
@@ -262,6 +244,16 @@ def _features(linearization):
     return np.column_stack([state, linearization.drag, state[:, 1] * np.sin(state[:, 2])])
 
 
+def _references(velocity, reference, end):
+    """References of the flown table; its first row, at the start of the heading alignment, has no gain of its own."""
+    if end == "held":
+        reference[0] = reference[1]
+    if end == "extrapolated":
+        beyond = (velocity[0] - velocity[1]) / (velocity[1] - velocity[2])
+        reference[0] = reference[1] + beyond * (reference[1] - reference[2])
+    return reference
+
+
 def _fed_back(guidance: Guidance, linearization):
     """Nodes at which the Apollo law corrects: after the velocity's peak, with enough drag."""
     velocity = linearization.state[:, 1]
@@ -280,8 +272,6 @@ def law(guidance: Guidance, linearization, gains, case):
     """The law of a Monte Carlo case as the flight takes it."""
     name, trigger = case.split("_")
     number = TRIGGERS.index(trigger)
-    if name == "nominal":
-        return flight.NOMINAL_LAW
     if name == "apollo":
         return flight.Law(
             flight.BY_VELOCITY,
@@ -290,6 +280,7 @@ def law(guidance: Guidance, linearization, gains, case):
             gains.table_reference,
             np.zeros(len(gains.table_velocity)),
             guidance.apollo_least_drag,
+            guidance.apollo_end == "at_passage",
         )
     count = len(gains.stochastic_gain[number]) + 1
     gain = np.zeros((count, flight.FEATURES))

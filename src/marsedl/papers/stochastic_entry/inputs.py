@@ -16,7 +16,6 @@ from marsedl.replication.inputs.sections import (
     Positive,
     Section,
     Sign,
-    StudyTrials,
     at_most,
     given,
     vector,
@@ -112,6 +111,9 @@ class Guidance(Section):
     )
     heading_alignment_limit_velocity: Positive = given("m/s", "velocity at which that limit changes")
     apollo_least_drag: NonNegative = given("m/s^2", "drag acceleration below which the Apollo law makes no correction")
+    apollo_end: Literal["at_command", "at_passage"] = given(
+        "1", "when the Apollo law yields to heading alignment: at the next bank command, or as its velocity is passed"
+    )
 
     @model_validator(mode="after")
     def _in_order(self):
@@ -128,6 +130,9 @@ class Design(Section):
     overcontrol: Positive = given("1", "overcontrol gain of the Apollo law")
     apollo_form: Literal["five_state", "drag", "density_blind"] = given("1", "what the Apollo law feeds back")
     apollo_time_adjoint: Literal["time", "velocity"] = given("1", "what the adjoint of the time-triggered law aims at")
+    apollo_table_end: Literal["nominal", "held", "extrapolated"] = given(
+        "1", "references of the Apollo law beyond its last gain: those of the nominal flight, held, or extrapolated"
+    )
     apollo_covariance: Literal["effective_gains", "timed_gains"] = given(
         "1", "linear covariance of the Apollo law: as it is flown, against velocity, or by its gains against time"
     )
@@ -144,7 +149,6 @@ class Design(Section):
     coarse_interval: Positive = given(
         "s", "intervals on which slow formulations are solved and altitude limits compared with the reading's own"
     )
-    combined_intervals: vector(3, Positive) = given("s", "partitions of the study of combinations")
 
     @model_validator(mode="after")
     def _study_ascends(self):
@@ -159,9 +163,6 @@ class Simulation(Trials):
     nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight, even")
     flight_substeps: Substeps = given("1", "integration steps per guidance period of the Monte Carlo flights")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
-    compared_trials: Count = given("1", "the first of these, with which readings are compared")
-    source_trials: StudyTrials = given("1", "trials of each single source of uncertainty")
-    combined_trials: StudyTrials = given("1", "trials of each combination of choices")
 
     @model_validator(mode="after")
     def _as_many_as_the_paper(self):

@@ -35,9 +35,7 @@ NOMINAL_FINAL = Axis(
 )
 FLIGHT_STATE = Axis("state", **NOMINAL_FINAL.units, bank_cosine="1")
 FINAL_STATE = Axis("final", **NOMINAL_FINAL.units, end_time="s", reversals="1", negative_densities="1")
-FINAL_ERROR = Axis("final_error", altitude="m", velocity="m/s", flight_path_angle="rad", downrange="m")
-PERCENTILE = Axis("percentile", "1st", "99th")
-LEVELS = (0.01, 0.99)  # of these percentiles
+LEVELS = (0.01, 0.99)  # of the percentiles of Table 4
 OBSERVED_BANK = Axis("observed", bank="rad", bank_change="rad")  # change in a guidance period
 GAIN_UNIT = f"1/({LINEAR_STATE.unit})"
 
@@ -196,63 +194,6 @@ class Tradeoff:
         allow_nan=True,
     )
     noise_deviation: float = quantity("m", (), "deviation from noise after the last control")
-
-
-@record
-class Combinations:
-    """Percentiles of the final errors under every combination of choices that the paper leaves open.
-
-    Apollo's flights depend on what the law feeds back, on what the adjoint of the time-triggered law aims at and on the
-    signs of the aerodynamic errors; those of the stochastic law on the partition of its control and on these signs.
-    """
-
-    apollo_form: np.ndarray = quantity("1", ("apollo_form",), "what the Apollo law feeds back", "str")
-    apollo_time_adjoint: np.ndarray = quantity(
-        "1", ("apollo_time_adjoint",), "what the adjoint of the time-triggered Apollo law aims at", "str"
-    )
-    partition_interval: np.ndarray = quantity("s", ("partition_interval",), "interval of the stochastic law's control")
-    aerodynamic_errors: np.ndarray = quantity(
-        "1", ("aerodynamic_errors",), "signs of the errors of lift and drag coefficient, or none", "str"
-    )
-    apollo: np.ndarray = quantity(
-        FINAL_ERROR.unit,
-        ("apollo_form", "apollo_time_adjoint", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
-        "percentiles of the final errors under the Apollo law, range positive if long",
-    )
-    apollo_error: np.ndarray = quantity(
-        FINAL_ERROR.unit,
-        ("apollo_form", "apollo_time_adjoint", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
-        "their standard errors",
-        allow_nan=True,  # of few flights
-    )
-    stochastic: np.ndarray = quantity(
-        FINAL_ERROR.unit,
-        ("partition_interval", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
-        "percentiles of the final errors under the stochastic law, range positive if long",
-    )
-    stochastic_error: np.ndarray = quantity(
-        FINAL_ERROR.unit,
-        ("partition_interval", "aerodynamic_errors", TRIGGER, FINAL_ERROR, PERCENTILE),
-        "their standard errors",
-        allow_nan=True,
-    )
-    trials: int = quantity("1", (), "flights of each combination")
-
-
-@record
-class ErrorBudget:
-    """Range error at the end by law, trigger (time, velocity) and source; the nominal law makes no corrections."""
-
-    source: np.ndarray = quantity("1", ("source",), "source of uncertainty that is switched on", "str")
-    law: np.ndarray = quantity("1", ("law",), "range-control law", "str")
-    deviation: np.ndarray = quantity(
-        "m", ("law", TRIGGER, "source"), "standard deviation over the flights", allow_nan=True
-    )
-    missed: np.ndarray = quantity("1", ("law", TRIGGER, "source"), "flights that did not end as they should", "int64")
-    trials: int = quantity("1", (), "flights of each source")
-    floor: np.ndarray = quantity(
-        "m", (TRIGGER,), "deviation from density after the start of the heading alignment, linear"
-    )
 
 
 @record

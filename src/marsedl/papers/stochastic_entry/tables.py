@@ -1,67 +1,45 @@
-"""Tables 1 to 4, Eq. 77, the design's certificates, the error budget, and what each reading reproduces."""
-
-from dataclasses import dataclass
+"""Tables 1 to 4, Eq. 77, and the design's certificates."""
 
 import numpy as np
 
 from marsedl.montecarlo.statistics import percentile_spread
-from marsedl.montecarlo.streaming import FinalMoments, is_streamed, outcome_count
+from marsedl.montecarlo.streaming import outcome_count
 from marsedl.papers.stochastic_entry import dispersions
 from marsedl.papers.stochastic_entry.claims.measures import (
-    CELLS_OF_TABLE_4,
     FEASIBLE,
     ROWS,
-    combined,
     crossrange_of_azimuth,
     finite,
     finite_count,
-    half_tolerance,
-    halving,
-    mirrored,
-    printed_range,
-    ratio_of,
-    reduction,
-    reproduced_cells,
     table_percentiles,
 )
 from marsedl.papers.stochastic_entry.inputs import (
     Air,
     Design,
-    Guidance,
     Mission,
     Planet,
     Simulation,
-    StochasticEntryInputs,
     Vehicle,
 )
 from marsedl.papers.stochastic_entry.records import (
-    ALTITUDE,
-    CASES,
     DOWNRANGE,
     LEVELS,
     LINEAR_STATE,
     OUTCOMES,
-    REVERSALS,
     TRIGGERS,
     VELOCITY,
     Certificates,
-    Combinations,
-    ErrorBudget,
     FlightEnsemble,
     Gains,
     Linearization,
-    Nominal,
     by_case,
     errors,
 )
-from marsedl.replication.claims.thresholds import ROUNDING, SIGMAS
+from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.claims.verdicts import Evaluation, judge
-from marsedl.replication.pipeline.catalogue import Artifacts
 from marsedl.replication.records.tables import Column, table
 
 PAPER = "in the paper"
-RANGE = "of the final range error, from the 1st to the 99th percentile"
-OF_CELLS = f"that reproduce, of {len(CELLS_OF_TABLE_4)}"
 
 
 def _law_and_trigger(case):
@@ -324,216 +302,3 @@ def certificates(design: Design, gains: Gains, certificates: Certificates):
             "iterations of the cone program": Column(),
         },
     )
-
-
-def sources(error_budget: ErrorBudget):
-    """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
-    budget = error_budget
-    names = [str(source) for source in budget.source]
-    whole = names.index("all")
-    floor = np.broadcast_to(budget.floor, budget.deviation.shape[:2])
-    rows = []
-    for i, law in enumerate(budget.law):
-        for j, trigger in enumerate(TRIGGERS):
-            deviation = budget.deviation[i, j]
-            alone = np.sqrt((np.delete(deviation, whole) ** 2).sum())
-            parts = [
-                *zip(names, deviation, budget.missed[i, j], strict=True),
-                ("root of the sum of squares of all sources alone", alone, None),
-                ("floor: density noise after the last control", floor[i, j], None),
-            ]
-            rows += [
-                (str(law), trigger, name, value, 100 * value**2 / deviation[whole] ** 2, missed)
-                for name, value, missed in parts
-            ]
-    return table(
-        rows,
-        {
-            "law": Column(),
-            "trigger": Column(),
-            "source": Column(),
-            "deviation": Column("m", ".1f", "of the final range"),
-            "share": Column("%", ".1f", "of the variance from all sources together"),
-            "missed": Column(meaning=f"flights that did not end as they should, of {budget.trials:,} per source"),
-        },
-    )
-
-
-_HEADLINE = {
-    **_with_error("velocity trigger: narrower by", "%", ".1f", f"the interval {RANGE}"),
-    **_with_error("fixed time: narrower by", "%", ".1f", f"the interval {RANGE}"),
-    **_with_error("the trigger narrows Apollo by", "%", ".1f", "against the fixed time"),
-    **_with_error("the trigger narrows the stochastic law by", "%", ".1f", "against the fixed time"),
-    **_with_error("ratio of the 1st percentiles", "", ".2f", "stochastic over Apollo law, velocity trigger"),
-    **_with_error("ratio of the 99th percentiles", "", ".2f", "stochastic over Apollo law, velocity trigger"),
-}
-
-
-def _headline(tails):
-    """The cells of `_HEADLINE`; tails: percentiles of the range error with standard errors by case."""
-    cells = []
-    for narrow, wide in (
-        ("stochastic_velocity", "apollo_velocity"),
-        ("stochastic_time", "apollo_time"),
-        ("apollo_velocity", "apollo_time"),
-        ("stochastic_velocity", "stochastic_time"),
-    ):
-        cells += [100 * part for part in reduction(tails[narrow], tails[wide])]
-    for side in range(len(LEVELS)):
-        cells += ratio_of(tails["stochastic_velocity"], tails["apollo_velocity"], side)
-    return [cell if np.isfinite(cell) else None for cell in cells]
-
-
-def _verdict(tails, tolerance):
-    """What the percentiles of the range error say of the stochastic law with the velocity trigger, in words."""
-    stochastic, apollo = tails["stochastic_velocity"], tails["apollo_velocity"]
-    saved, error = reduction(stochastic, apollo)
-    if not np.isfinite(saved):
-        return "no finite trial under one of the laws"
-    halved = [halving(*ratio_of(stochastic, apollo, side), tolerance) for side in range(len(LEVELS))]
-    if "undetermined" in halved and "no" not in halved:
-        return "narrower; for want of trials it is undetermined whether both percentiles are about halved"
-    if halved == ["yes", "yes"]:
-        return "both percentiles are about halved"
-    if "yes" in halved:
-        return f"only the {'1st' if halved[0] == 'yes' else '99th'} percentile is about halved"
-    if saved > SIGMAS * error:
-        return "narrower, but neither percentile is about halved"
-    return "the stochastic law is wider" if saved < -SIGMAS * error else "no difference beyond sampling error"
-
-
-def combinations(published, combinations: Combinations):
-    """What every combination of open choices makes of the headline and of Table 4; ranges are positive if long."""
-    rows = []
-    for combination in combined(combinations):
-        tails = combination.tails
-        trials = dict.fromkeys(CASES, combinations.trials)
-        short = {case: {**of, DOWNRANGE: mirrored(of[DOWNRANGE])} for case, of in tails.items()}
-        counts = [reproduced_cells(published, signed, trials) for signed in (tails, short)]
-        form, adjoint, interval, signs = combination.choices
-        ranges = {case: of[DOWNRANGE] for case, of in tails.items()}
-        rows.append((form.replace("_", " "), adjoint, interval, signs, *_headline(ranges), *counts))
-    return table(
-        rows,
-        {
-            "feedback": Column(meaning="what the Apollo law feeds back"),
-            "adjoint": Column(meaning="what that of the Apollo law aims at with the fixed time"),
-            "partition": Column("s", "g", "of the stochastic law"),
-            "signs": Column(meaning="of the errors of C_L and C_D"),
-            **_HEADLINE,
-            "cells of Table 4": Column(meaning=f"{OF_CELLS}; range errors are positive if long"),
-            "cells, positive if short": Column(meaning="the same with the other sign of the range error"),
-        },
-    )
-
-
-@dataclass(frozen=True)
-class Records(Artifacts):
-    """What the tables over all readings are made from."""
-
-    nominal: Nominal
-    linearization: Linearization
-    apollo_time: FlightEnsemble
-    apollo_velocity: FlightEnsemble
-    stochastic_time: FlightEnsemble
-    stochastic_velocity: FlightEnsemble
-
-    def flights(self) -> dict[str, FlightEnsemble]:
-        """Return the four Monte Carlo ensembles by the name of their case."""
-        return {case: getattr(self, case) for case in CASES}
-
-
-def readings(readings: dict[str, tuple[StochasticEntryInputs, Records]], published):
-    """What each reading reproduces: the nominal's end, Z_f, and range errors with bank reversals of all cases.
-
-    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
-    """
-    rows = [
-        (
-            PAPER,
-            False,
-            published["nominal_uprange"].printed,
-            *(published["zf_column_velocity"].printed[state] for state in (DOWNRANGE, ALTITUDE)),
-            *(cell for case in CASES for low, high in [published[f"tab4_downrange_{case}"].printed]
-              for cell in (low, None, high, None, None)),
-            published["mc_trials"].printed,
-        )
-    ]  # fmt: skip
-    for name, (inputs, records) in readings.items():
-        flights = records.flights()
-        projection = records.linearization.trigger_projection[:, VELOCITY]
-        cells = [-records.nominal.downrange[-1] / 1e3, projection[DOWNRANGE], projection[ALTITUDE]]
-        for case in CASES:
-            values, deviations = (part / 1e3 for part in _compared(inputs, flights[case]))
-            cells += [values[0], deviations[0], values[1], deviations[1], _mean_reversals(flights[case])]
-        trials = min(flights[CASES[0]].count + flights[CASES[0]].excluded, inputs.simulation.compared_trials)
-        rows.append((name, hypothesis(inputs.guidance, inputs.design), *cells, trials))
-    columns = {
-        "reading": Column(),
-        "hypothesis": Column(meaning="whether it assumes something of the laws that the paper does not print"),
-        "end short of the target": Column("km", ".2f", "of the nominal"),
-        "Z_f: range": Column("m per m/s", ".2f"),
-        "Z_f: radius": Column("m per m/s", ".2f"),
-    }
-    for case in CASES:
-        law, trigger = _law_and_trigger(case)
-        place = f"{law}, {trigger}"
-        columns |= _with_error(f"{place}: 1st percentile", "km", ".2f", "of the range error")
-        columns |= _with_error(f"{place}: 99th percentile", "km", ".2f", "of the range error")
-        columns |= {f"{place}: bank reversals": Column("", ".2f", "mean over the trials")}
-    return table(rows, {**columns, "trials": Column()})
-
-
-def headline(readings: dict[str, tuple[StochasticEntryInputs, Records]], published):
-    """The headline in each reading, with a verdict computed from the numbers; arguments as of `readings`."""
-    tolerance = half_tolerance(published)
-    exact = {case: printed_range(published, case) for case in CASES}
-    unknown = {case: (values, np.full(2, np.nan)) for case, (values, _) in exact.items()}
-    rows = [(PAPER, False, *_headline(unknown), _verdict(exact, tolerance), None, published["mc_trials"].printed)]
-    for name, (inputs, records) in readings.items():
-        flights, compared = records.flights(), inputs.simulation.compared_trials
-        short = inputs.mission.positive_range_error == "short"
-        tails = {case: table_percentiles(flights[case], compared, short) for case in CASES}
-        trials = {case: min(finite_count(flights[case]), compared) for case in CASES}
-        ranges = {case: tails[case][DOWNRANGE] for case in CASES}
-        count = reproduced_cells(published, tails, trials)
-        rows.append(
-            (
-                name,
-                hypothesis(inputs.guidance, inputs.design),
-                *_headline(ranges),
-                _verdict(ranges, tolerance),
-                count,
-                max(trials.values()),
-            )
-        )
-    return table(
-        rows,
-        {
-            "reading": Column(),
-            "hypothesis": Column(meaning="whether it assumes something of the laws that the paper does not print"),
-            **_HEADLINE,
-            "with the velocity trigger": Column(meaning="what these numbers say of the stochastic law"),
-            "cells of Table 4": Column(meaning=OF_CELLS),
-            "trials": Column(),
-        },
-    )
-
-
-def _compared(inputs, ensemble):
-    """Percentiles of the range error, with standard errors, of as many trials as all readings have."""
-    trials, short = inputs.simulation.compared_trials, inputs.mission.positive_range_error == "short"
-    return table_percentiles(ensemble, trials, short, [DOWNRANGE])[DOWNRANGE]
-
-
-def hypothesis(guidance: Guidance, design: Design):
-    """Whether a reading assumes something of the laws that the paper does not print."""
-    is_nominal = design.partition_interval == guidance.guidance_period
-    return not (is_nominal and design.apollo_form == "five_state" and design.apollo_time_adjoint == "time")
-
-
-def _mean_reversals(ensemble):
-    if is_streamed(ensemble):
-        return FinalMoments(ensemble, REVERSALS).mean
-    number = ensemble.final_state[finite(ensemble), REVERSALS]
-    return number.mean() if len(number) else None

@@ -1,6 +1,7 @@
 """The numbers, verdicts and printed claims of a build against the committed ones, or against a user's own."""
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -15,6 +16,7 @@ from marsedl.replication.claims.committed import COUNTEREXAMPLES, MOMENTS, PUBLI
 from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.files import write_text
+from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.pipeline.sharing import Shared
 from marsedl.replication.records.store import holds_field, opened
@@ -26,6 +28,8 @@ RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but 
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
 NOT_TURNED = "not turned"  # of a claim without a counterexample that works
 _NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
+TURNED, TURNED_MARKER = Path("docs/verdicts.md"), "<!-- turned: written by marsedl accept -->"
+_TURNED_HEAD = re.compile(rf"{TURNED_MARKER}\n+\|.*\n\|[-|]+\n")  # the marker and the head of its table
 _ROWS = 40  # numbers in a table of changes; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
@@ -193,11 +197,12 @@ def compare_reference(root: Path, build: Path, papers: Mapping[str, Shared], fol
 def accept_reference(root: Path, build: Path, papers: Mapping[str, Shared], folder: Path | None = None) -> list[Path]:
     """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
 
-    Numbers within tolerance keep their stored digits, so that the files show what moved and nothing else.
+    Numbers within tolerance keep their stored digits, so that the files show what moved and nothing else. The page on
+    verdicts gets a row for each verdict of `corrected` that turned.
 
     Returns the files. Raises MarsedlError, and writes nothing, if a verdict of the committed numbers is not explained.
     """
-    texts = {}
+    texts, turned = {}, []
     for slug, shared in papers.items():
         for claim in _unexplained(build, slug, folder):
             raise MarsedlError(
@@ -211,9 +216,27 @@ def accept_reference(root: Path, build: Path, papers: Mapping[str, Shared], fold
         found |= {name: reference[name] for name, margin in comparison.margins.items() if margin <= 1}
         lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in found.items()]
         texts[path] = "{\n" + ",\n".join(lines) + "\n}\n"
+        changes = [change for change in comparison.of(VERDICTS) if change.old != _NOTHING]
+        turned += [(slug, change) for change in changes if change.name.endswith(f", {CORRECTED}")]
+    if turned and folder is None and (root / TURNED).exists():
+        texts[root / TURNED] = _with_turned((root / TURNED).read_text(encoding="utf-8"), turned)
     for path, text in texts.items():  # of all papers or of none
         write_text(path, text)
     return list(texts)
+
+
+def _with_turned(page: str, turned: Iterable[tuple[str, Change]]) -> str:
+    """The page on verdicts with a row for each that turned, newest first; a row written before keeps its reason."""
+    head = _TURNED_HEAD.search(page)
+    if not head:
+        raise MarsedlError(f"{TURNED} has no table below '{TURNED_MARKER}'; restore it with 'git checkout {TURNED}'")
+    table, rows = page[head.end() :].partition("\n\n")[0], ""
+    for slug, change in turned:
+        claim = f"| {slug}, `{change.name.removesuffix(f', {CORRECTED}')}` |"
+        row = f"{claim} {change.old} | {change.new} |"
+        if not (claim + table.partition(claim)[2]).startswith(row):
+            rows += f"{row} why not said yet: write it here |\n"
+    return page[: head.end()] + rows + page[head.end() :]
 
 
 def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:

@@ -110,6 +110,25 @@ class Counterexample(_Part):
     """the verdict after it"""
 
 
+class Standing(_Part):
+    """What the universes of the paper say of the claim; it stands beside the verdict and never replaces it."""
+
+    stands: Literal["robust", "depends", "never", "undecided"]
+    """it reproduces or holds in every universe that decides it, in some, in none, or no universe decides it"""
+    on: tuple[str, ...] = ()
+    """the choices that it depends on, those that turn it by themselves first"""
+    true: int
+    """space-filling universes in which it reproduces or holds"""
+    of: int
+    """of how many with a result; the share is no probability"""
+    low: Finite
+    """of the Wilson interval of the share at 95 %; null: no universe has a result"""
+    high: Finite
+    """of the same interval"""
+    cause: tuple[str, str] | None = None
+    """the choice and its value that move the number most towards what is printed; null: none does"""
+
+
 class Doubt(_Part):
     """Why a verdict is undetermined."""
 
@@ -121,8 +140,8 @@ class Doubt(_Part):
     """about how many trials would settle it; null: trials do not, or not known"""
 
 
-class Outcome(_Part):
-    """What a number of trials gives for the claim in one reading."""
+class Result(_Part):
+    """What one reading gives for the claim."""
 
     value: Value = None
     """shaped like the printed value; null: not evaluated in this reading, or not finite; an infinite input is a text"""
@@ -144,18 +163,6 @@ class Outcome(_Part):
     """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
     z: Deviation | None = None
     """the deviation beyond the printed rounding; null: not a Monte Carlo result"""
-
-
-class Result(Outcome):
-    """What one reading gives for the claim."""
-
-    at_equal_trials: Outcome | None = None
-    """from as many trials as other readings have; null: they have no fewer, or its measure is stored of all alone"""
-
-    @property
-    def comparable(self) -> Outcome:
-        """What other readings can be compared with: the result from as many trials as they have."""
-        return self.at_equal_trials or self
 
 
 class Claim(_Part):
@@ -197,8 +204,6 @@ class Claim(_Part):
     """ids of the errata in the paper's method note that explain a difference"""
     choices: tuple[str, ...] = ()
     """names of the choices that may explain a difference"""
-    withheld: tuple[str, ...] = ()
-    """inputs that the paper does not give and that explain a difference"""
     close: Tolerance | None = None
     """the tolerance stated beforehand; null: none"""
     by_construction: str = ""
@@ -207,6 +212,8 @@ class Claim(_Part):
     """what every reading gives, by the reading's name"""
     counterexample: Counterexample | None = None
     """the change that turns the verdict; null: not counted, or not turned"""
+    universes: Standing | None = None
+    """what the universes say; null: no universe evaluates it, as it is about the method, inputs or literature"""
     thin: bool = False
     """whether the verdict is so far from its limit that it could hardly be another one"""
 

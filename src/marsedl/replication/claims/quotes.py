@@ -176,5 +176,5 @@ def with_numbers(paper: Paper, quotes: Quotes | Mapping[str, str]) -> Paper:
                 texts = {key: getattr(of, key) for key in ("printed", "evidence", "used")}
                 return replace(of, **filled(texts, f"{where}.{of.id}"))
 
-    names = ("figures", "tables", "summaries", "described", "errata", "in_short")
+    names = ("figures", "tables", "described", "errata", "in_short")
     return replace(paper, **{name: filled(getattr(paper, name), f"{paper.slug}: {name}") for name in names})

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from marsedl.replication.claims.claim import (
     COUNTED_VERDICTS,
@@ -17,14 +17,18 @@ from marsedl.replication.claims.claim import (
     VERDICTS_OF,
     Claim,
     Counterexample,
+    Standing,
 )
 from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines, format_result
+from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.files import write_json, write_text
 from marsedl.replication.records.tables import Column, csv_text, table
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_EVALUATIONS = TypeAdapter(dict[str, dict[str, Evaluation | None]], config=ConfigDict(ser_json_inf_nan="constants"))
 
 
 def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
@@ -48,6 +52,26 @@ def write_counterexamples(counterexamples: Mapping[str, Counterexample | None], 
 def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
     """Read the counterexamples of a paper's counted claims; raises ArtifactError as `read_claims`."""
     return _read(dict[str, Counterexample | None], path)
+
+
+def write_standings(standings: Mapping[str, Standing], path: str | Path) -> None:
+    """Write what universes say of a paper's claims as JSON."""
+    write_json({name: one.written() for name, one in standings.items()}, path)
+
+
+def read_standings(path: str | Path) -> dict[str, Standing]:
+    """Read what `write_standings` wrote; raises ArtifactError as `read_claims`."""
+    return _read(dict[str, Standing], path)
+
+
+def write_evaluations(evaluations: Mapping[str, Mapping[str, Evaluation | None]], path: str | Path) -> None:
+    """Write evaluations by reading and claim; numbers that are not finite stay so."""
+    write_text(path, _EVALUATIONS.dump_json(evaluations, indent=1).decode() + "\n")
+
+
+def read_evaluations(path: str | Path) -> dict[str, dict[str, Evaluation | None]]:
+    """Read what `write_evaluations` wrote."""
+    return _EVALUATIONS.validate_json(Path(path).read_bytes())
 
 
 def _read(kind: Any, path: str | Path) -> Any:
@@ -122,13 +146,8 @@ def claims_markdown(rows: Sequence[Claim]) -> str:
 
 
 def _verdict_cell(row: Claim, reading: str) -> str:
-    """The verdict of a reading, and the one from as many trials as other readings have if that is another one."""
     result = row.readings.get(reading)
-    if result is None or result.verdict is None:
-        return NOT_EVALUATED
-    other = result.comparable
-    more = f" ({other.verdict} with {other.trials:,} trials)" if other.verdict != result.verdict else ""
-    return f"{result.verdict}{more}"
+    return NOT_EVALUATED if result is None or result.verdict is None else result.verdict
 
 
 def _markdown_cell(text: str) -> str:
@@ -137,7 +156,7 @@ def _markdown_cell(text: str) -> str:
 
 
 def unexplained(rows: Iterable[Claim]) -> list[str]:
-    """Return the ids of claims that differ or fail without an erratum or a withheld input."""
+    """Return the ids of claims that differ or fail without an erratum or a choice."""
     return [row.id for row in rows if row.reason == UNEXPLAINED]
 
 

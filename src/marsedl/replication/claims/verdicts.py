@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from marsedl.replication.claims.claim import (
@@ -31,6 +31,7 @@ from marsedl.replication.claims.quotes import with_own_numbers
 from marsedl.replication.claims.thresholds import SIGMAS, THIN
 from marsedl.replication.errors import ArtifactError, InputError, nearest
 from marsedl.replication.inputs import CORRECTED, PRINTED
+from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.sizes import FULL
 
 _MORE = [1.5**power for power in range(35)]  # times our trials: what these cannot settle, more do not
@@ -54,7 +55,6 @@ class Evaluation:
     doubts: Sequence[Doubt] = ()  # why a statement could as well be judged otherwise
     margin: Margin | None = None  # how far the measure that decides a statement is from its limit
     by_construction: str = ""  # why it cannot be otherwise in this reading
-    at_equal_trials: Evaluation | None = None  # from as many trials as other readings have
 
     def __post_init__(self) -> None:
         """Turn arrays into plain Python."""
@@ -64,12 +64,6 @@ class Evaluation:
         object.__setattr__(self, "numbers", {name: plain(number) for name, number in self.numbers.items()})
         object.__setattr__(self, "evidence", tuple(filter(None, sentences)))
 
-    def compared_by(self, fewer: Evaluation) -> Evaluation:
-        """Return the evaluation with that from fewer trials, unless that is from all of them as well."""
-        margins = self.margin, fewer.margin
-        of_all = all(margin and margin.sampled for margin in margins) and margins[0].value == margins[1].value
-        return self if fewer.trials in (None, self.trials) or of_all else replace(self, at_equal_trials=fewer)
-
 
 @dataclass(frozen=True)
 class Declaration:
@@ -77,20 +71,19 @@ class Declaration:
 
     `reason` may quote computed numbers, see `quotes`: `{name}` is a named number of the reading that gives the verdict
     (`value`, `standard_error`, `trials` and `z` always exist), `{target4.name}` that of the reading `target4`. A
-    verdict `differs` or `fails` needs a reason and an erratum or a withheld input.
+    verdict `differs` or `fails` needs a reason and an erratum or a choice.
     """
 
     reason: str = ""
     errata: tuple[str, ...] = ()  # ids of errata, such as "E10"
     choices: tuple[str, ...] = ()  # choices of the paper, by name, that may explain a difference
-    withheld: tuple[str, ...] = ()
     close: Tolerance | None = None
     by_construction: str = ""  # why the claim cannot fail
 
     @property
     def explains(self) -> bool:
-        """Whether it explains a difference: in words, with an erratum or an input that the paper withholds."""
-        return bool(self.reason.strip() and (self.errata or self.choices or self.withheld))
+        """Whether it explains a difference: in words, with an erratum or a choice."""
+        return bool(self.reason.strip() and (self.errata or self.choices))
 
 
 def collect(
@@ -136,7 +129,7 @@ def collect(
         if unexplained and require_reasons:
             raise InputError(
                 f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {evaluations[first].value!r})"
-                " without a reason that names an erratum or an input which the paper withholds"
+                " without a reason that names an erratum or a choice"
             )
         reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, results, left_out)
         given = {name: value for name, value in (vars(declaration) | vars(claim)).items() if name in Claim.model_fields}
@@ -167,14 +160,12 @@ def judge(claim: PublishedClaim, evaluation: Evaluation, declaration: Declaratio
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
     if bound or (declaration.by_construction and confirmed):
         judged |= {"verdict": BY_CONSTRUCTION, "components": None, "doubts": ()}
-    fewer = evaluation.at_equal_trials
     return Result(
         value=finite_values(evaluation.value, infinity="inf" if claim.kind == "input" else None),
         standard_error=finite_values(evaluation.standard_error),
         trials=evaluation.trials,
         numbers={name: finite_values(number) for name, number in evaluation.numbers.items()},
         evidence=evaluation.evidence,
-        at_equal_trials=fewer and judge(claim, fewer, declaration),
         **judged,
     )
 
@@ -343,9 +334,9 @@ def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
         raise InputError(f"{where}: the reason quotes a number that does not exist: {error}") from None
     # What the sentence names itself is not named twice.
     basis = ", ".join(name for name in declaration.errata if not re.search(rf"\b{re.escape(name)}\b", text))
-    withheld = ", ".join(name for name in declaration.withheld if name not in text)
-    basis = "; ".join(filter(None, [basis, f"withheld by the paper: {withheld}" if withheld else ""]))
     text = ". ".join(filter(None, [basis, text]))
+    if not text and declaration.choices:
+        text = f"Depends on {', '.join(map(in_words, declaration.choices))}."
     if results[first].verdict != "close":
         return text
     tolerance = declaration.close

@@ -30,7 +30,7 @@ import pkgutil
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, partial, partialmethod
+from functools import cache, partialmethod
 from importlib import import_module
 
 import numpy as np
@@ -52,9 +52,8 @@ from marsedl.replication.claims.thresholds import SIGMAS, Limit
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
 from marsedl.replication.errors import InputError, SolverError
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.pipeline.injection import LARGE, Arguments, Missing
+from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.runner import Run
-from marsedl.replication.records.fields import first_trials, trials_of
 
 _DIGITS = 4  # that evidence shows, and more where a value and its limit would look equal
 
@@ -272,7 +271,6 @@ def claim(
     *,
     errata: str = "",
     choices: str = "",
-    withheld: str | tuple[str, ...] = (),
     close: Tolerance | None = None,
     by_construction: str = "",
     counterexample: Perturbation | None = None,
@@ -291,7 +289,6 @@ def claim(
             " ".join(reason.split()),
             tuple(errata.split()),
             tuple(choices.split()),
-            (withheld,) if isinstance(withheld, str) else withheld,
             close,
             by_construction,
             id=name or function.__name__,
@@ -369,35 +366,6 @@ class Claims:
         for name in evaluations:
             with contextlib.suppress(*lacking):
                 evaluations[name] = self.evaluate_one(name, asked)
-        return evaluations
-
-    def of_readings(
-        self, readings: Mapping[str, Arguments], published: Mapping[str, PublishedClaim], **further: object
-    ) -> dict[str, dict[str, Evaluation | None]]:
-        """Evaluate all claims in several readings, by reading; arguments as of `evaluate`.
-
-        A claim on more trials than another reading has is also evaluated from as many as that has, so that readings can
-        be compared. What is stored of all trials alone (moments over time, say) stays that of all.
-        """
-
-        @cache
-        def fewest(case: str, kind: type) -> int:
-            numbers = (trials_of(given.artifact(case, kind)) for given in readings.values())
-            return min(filter(None, numbers), default=0)
-
-        def fewer(case: str, kind: type, given: Arguments) -> object:
-            record = None if case.endswith(LARGE) else given.artifact(case, kind)
-            return first_trials(record, fewest(case, kind)) if fewest(case, kind) else record
-
-        evaluations = {reading: self.evaluate(given, published, **further) for reading, given in readings.items()}
-        of_fewer = {name: Arguments(given.values, partial(fewer, given=given)) for name, given in readings.items()}
-        asked = {name: self.asking(given, published, **further) for name, given in of_fewer.items()}
-        for name in self.declarations:
-            found = {reading: of[name] for reading, of in evaluations.items() if of[name] and of[name].trials}
-            larger = [reading for reading in found if found[reading].trials > min(of.trials for of in found.values())]
-            for reading in larger:
-                with contextlib.suppress(Missing):  # of a large case alone
-                    evaluations[reading][name] = found[reading].compared_by(self.evaluate_one(name, asked[reading]))
         return evaluations
 
     def turned(

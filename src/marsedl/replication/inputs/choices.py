@@ -66,10 +66,10 @@ class Range:
 
     def applied(self, source: Source, number: float, choice: str) -> Source:
         """Return the input with a number of the range."""
-        entries = np.array(source.value, dtype=float)
-        at = () if self.component is None else (self.component,)
+        entries, at = np.array(source.value, dtype=float), () if self.component is None else self.component
         entries[at] = entries[at] * number if self.is_factor else number * self.to_si
-        return replace(source, written=number, source=self.source, reading=choice, value=entries.tolist())
+        written = (entries / self.to_si).tolist()
+        return replace(source, written=written, source=self.source, reading=choice, value=entries.tolist())
 
     def of(self, value: object) -> float:
         """Return the number at which an input has a value in SI, or 1 if the numbers are factors."""
@@ -156,9 +156,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Choices:
-    """All choices of a paper, by name, and what makes a universe of them."""
+    """All choices of a paper, by name, and what makes a universe of them.
+
+    `base` has the values of universes that leave a choice out, where these are not those of `corrected`.
+    """
 
     by_name: Mapping[str, Choice] = field(default_factory=dict)
+    base: Assignment = field(default_factory=dict)
 
     def __iter__(self):
         """Iterate over the choices in the order of the file."""
@@ -168,12 +172,15 @@ class Choices:
         """Return their number."""
         return len(self.by_name)
 
+    def default(self, choice: Choice) -> Value | None:
+        """Return the value of a choice that an assignment leaves out."""
+        return self.base.get(choice.name, choice.corrected)
+
     def placed(self, printed: Sources, corrected: Sources) -> "Choices":
         """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
         values = {one.name: (one.value_in(corrected, corrected), one.value_in(printed, corrected)) for one in self}
-        return Choices(
-            {one.name: replace(one, corrected=values[one.name][0], printed=values[one.name][1]) for one in self}
-        )
+        placed = {one.name: replace(one, corrected=values[one.name][0], printed=values[one.name][1]) for one in self}
+        return Choices(placed, self.base)
 
     def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
         """Return an assignment in the order of the choices; raises InputError for an unknown choice or value."""
@@ -184,15 +191,15 @@ class Choices:
         return {one.name: one.checked(assignment[one.name], where) for one in self if one.name in assignment}
 
     def complete(self, assignment: Mapping[str, object]) -> dict[str, Value | None]:
-        """Return the value of every choice; one that an assignment leaves out, or that does not apply, is corrected's.
+        """Return the value of every choice; the default of one that is left out or does not apply.
 
         Raises InputError as `checked` does.
         """
         given = self.checked(assignment)
-        values = {one.name: given.get(one.name, one.corrected) for one in self}
+        values = {one.name: given.get(one.name, self.default(one)) for one in self}
         for one in self:
             if any(values[other] not in those for other, those in one.only_if.items()):
-                values[one.name] = one.corrected
+                values[one.name] = self.default(one)
         return values
 
     def applied(self, sources: Sources, assignment: Mapping[str, object]) -> dict[str, Source]:
@@ -278,3 +285,8 @@ def _range(written: WrittenRange, model: type[Inputs], place: Place) -> Range:
     is_factor = written.factor is not None
     to_si = typing.cast(float, source.value)
     return Range(name, written.component, low, high, is_factor, written.scale, to_si, written.source)
+
+
+def in_words(name: object) -> str:
+    """Return the name of a choice or of a value, or the number of a range, as it is shown."""
+    return f"{name:.3g}" if isinstance(name, float) else str(name).replace("_", " ")

@@ -24,7 +24,7 @@ from marsedl.replication.inputs.written import Settings, WrittenReading, configu
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
 
-SMALL = 4  # universes of the space-filling design of a smaller size
+SMALL = 2  # universes of each design of a smaller size
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
 SETTINGS = tuple(Settings.model_fields)  # at the top of a user's configuration, beside the papers
 
@@ -58,22 +58,33 @@ class Reading:
 class Study:
     """All of a paper's configuration: its readings, its choices and the number of chunks of each Monte Carlo case.
 
-    `compared` are the readings in which claims are evaluated; a smaller size may leave some out. `own_readings` are
-    those of a user's file. `universes` says how universes are computed; `limits` are those of the size and of them.
+    `built` are the readings whose artifacts, figures and tables are made as files: `printed`, `corrected`, and
+    `own_readings`, those of a user's file. `points` are the others, whose claims are evaluated in memory; a smaller
+    size may leave some out. `own_choices` are those of a user's file as they are written. `universes` says how
+    universes are computed; `limits` are those of the size and of them.
     """
 
     paper: str
     readings: dict[str, Reading]
     chunks: dict[str, int]
-    compared: tuple[str, ...]
+    built: tuple[str, ...]
+    points: tuple[str, ...] = ()
     own_readings: frozenset[str] = frozenset()
     size: str = FULL
     choices: Choices = field(default_factory=Choices)
+    own_choices: Mapping = field(default_factory=dict)
     universes: typing.Any = None
-    space_filling: int = 0  # universes of this design
+    # How many universes fill the space, which choices are varied by themselves (None: all), in how many at most.
+    designs: tuple[int, typing.Sequence[str] | None, int | None] = (0, None, None)
     universe_jobs: int = 1
     resolver: typing.Any = field(default=None, repr=False, compare=False)
     limits: tuple[tuple[Mapping, Place], ...] = ()
+
+    def assignment_of(self, name: str) -> dict[str, typing.Any]:
+        """Return the values of choices that a reading has and a universe that leaves them out does not."""
+        sources, base = self.readings[name].sources, self.readings[CORRECTED].sources
+        values = {one.name: (one.value_in(sources, base), self.choices.default(one)) for one in self.choices}
+        return {name: value for name, (value, default) in values.items() if value not in (None, default)}
 
     def universe(self, assignment: Assignment, inputs: Mapping[str, object] = {}, seed: int = 0) -> Reading:
         """Return `corrected` with values of choices, and with the numbers of trials of universes.
@@ -124,12 +135,17 @@ def load_studies(
     # Of several files, Snakemake does not tell which one a key is of.
     place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
     settings = checked(own, config, place)
-    return {slug: _study(slug, model, root, settings, place / slug) for slug, model in models.items()}
+    own_choices = {slug: (config.get(slug) or {}).get("choices", {}) for slug in models}
+    return {
+        slug: replace(_study(slug, model, root, settings, place / slug), own_choices=own_choices[slug])
+        for slug, model in models.items()
+    }
 
 
-def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL) -> Study:
-    """Load a paper's configuration, see `load_studies`."""
-    return load_studies({paper: model}, root, {"size": size})[paper]
+def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> Study:
+    """Load a paper's configuration, see `load_studies`; choices: those of a user, as they are written."""
+    own = {paper: {"choices": choices}} if choices else {}
+    return load_studies({paper: model}, root, {"size": size, **own})[paper]
 
 
 def counted_inputs(study: Study) -> str:
@@ -161,26 +177,40 @@ def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_p
         at, remedy = own_place / "readings" / name, f"choose another name and write 'based_on: {name}'"
         if bodies.setdefault(name, (at, body))[0] is not at:
             raise InputError(f"{at}: the name belongs to a reading of {path}; {remedy}")
-    choices = of_written(file.choices, model, place / "choices")
+    choices = of_written(_joined(file.choices, part.choices if part else {}), model, place / "choices")
     resolver = _Resolver(model, root, bodies, choices)
     if choices:
         choices = choices.placed(resolver.readings[PRINTED].sources, resolver.readings[CORRECTED].sources)
+    choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
-    readings, compared = resolver.readings, tuple(resolver.readings)
+    readings, left_out = resolver.readings, set()
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place)
-        compared = tuple(name for name in readings if name not in left_out)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: resolver.limited(reading, limits, place) for name, reading in readings.items()}
         bounds = [(limits, place), *bounds]
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
-    own_names = frozenset(own)
-    count = settings.universes or (file.universes.space_filling if settings.size == FULL else SMALL)
+    built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *own))
+    designs = (file.universes.space_filling, file.universes.one_at_a_time, None)
+    if settings.size != FULL:
+        designs = (SMALL, designs[1], 1 + SMALL)
+    if settings.universes:
+        designs = (settings.universes, None, None)
     return Study(
-        *(slug, readings, chunks, compared, own_names, settings.size, choices, file.universes),
-        *(count, settings.chunks or file.universes.jobs, resolver, tuple(bounds)),
+        *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
+        *(frozenset(own), settings.size, choices, {}, file.universes, designs),
+        *(settings.chunks or file.universes.jobs, resolver, tuple(bounds)),
     )
+
+
+def _joined(file: Mapping[str, typing.Any], own: Mapping[str, typing.Any]) -> dict[str, typing.Any]:
+    """Return choices of a paper with those of a user; of one that both name, the user's values are added."""
+    joined = dict(file)
+    for name, one in own.items():
+        base = joined.get(name, one)
+        joined[name] = base.model_copy(update={"values": {**base.values, **one.values}})
+    return joined
 
 
 def _size(file: Keys, size: str, place: Place) -> tuple[dict[str, dict[str, float]], set[str]]:

@@ -94,7 +94,7 @@ class Settings(Keys):
 
     size: str = Field("full", description="the size of the build: full, or one under sizes in configs/*.yaml")
     chunks: Chunks | None = Field(None, description="into how many jobs the trials of every case are divided")
-    universes: Chunks | None = Field(None, description="how many universes the space-filling design has")
+    universes: Chunks | None = Field(None, description="so many fill the space of choices, and all are varied alone")
 
 
 def _section_of(key: str, inputs: type[Inputs]) -> str:
@@ -219,10 +219,12 @@ def written_choices(inputs: type[Inputs]) -> typing.Any:
 
 def own_configuration(models: dict[str, type[Inputs]]) -> type[Settings]:
     """Return the model of a user's own configuration for papers by slug."""
-    own = Field(description="readings of your own, by new names", json_schema_extra=_NO_OTHERS)
+    own = Field({}, description="readings of your own, by new names", json_schema_extra=_NO_OTHERS)
+    doubts = Field({}, description="choices of your own, and further values of the paper's choices")
     fields = {}
     for slug, inputs in models.items():
-        part = create_model(f"OwnReadingsOf{inputs.__name__}", __base__=Keys, readings=(_readings(inputs), own))
+        types = {"readings": (_readings(inputs), own), "choices": (written_choices(inputs), doubts)}
+        part = create_model(f"OwnPartOf{inputs.__name__}", __base__=Keys, **types)
         fields[slug] = part, Field(None, description=f"of the paper {slug}")
     return create_model("Own", __base__=Settings, __doc__="Readings of your own, for --configfile.", **fields)
 
@@ -244,9 +246,14 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
         "Universes",
         __base__=Keys,
         space_filling=(int, Field(64, ge=0, description="universes of the space-filling design of a full build")),
-        one_at_a_time=(list[str] | None, Field(None, description="choices that a full build varies by themselves")),
+        one_at_a_time=(
+            list[str] | None,
+            Field(None, description="choices that a full build varies by themselves; all unless given"),
+        ),
         redrawn=(list[str], Field([], description="choices that are drawn again until a universe is admissible")),
+        choices=(dict[str, str | float], Field({}, description="values of choices that a universe leaves out")),
         tries=(int, Field(100, ge=1, description="how often at most")),
+        wave=(int, Field(64, ge=1, description="universes of a wave of `snakemake multiverse`")),
         jobs=(int, Field(2, ge=1, description="jobs that compute them")),
         **limits,
     )

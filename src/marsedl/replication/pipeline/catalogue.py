@@ -76,10 +76,6 @@ class Solve(NamedTuple):
     what: str = ""
 
 
-class Artifacts:
-    """Base of a dataclass of artifacts, for a function that takes many; its fields are named as stages and cases."""
-
-
 @dataclass(frozen=True)
 class Erratum:
     """An error or gap in the printed paper: what is printed, the evidence against it, what is used instead."""
@@ -89,7 +85,6 @@ class Erratum:
     evidence: str
     used: str
     title: str = ""  # in a few words
-    kept_by: tuple[str, ...] = ()  # the readings that keep what is printed
 
 
 @dataclass(frozen=True)
@@ -97,8 +92,8 @@ class Paper:
     """The bill of materials of one replicated paper.
 
     `stages` are filled in from the paper's functions, and what has captions from its `texts.yaml`. `figures` and
-    `tables` exist for every reading; `summaries` are tables over all readings, with their captions. `described` says in
-    our words what each figure of the paper shows and what the paper finds in it; captions say what is drawn here.
+    `tables` exist for every reading. `described` says in our words what each figure of the paper shows and what the
+    paper finds in it; captions say what is drawn here.
     `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
     that shows it.
     `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
@@ -113,7 +108,6 @@ class Paper:
     citation: str
     figures: dict[str, Product] = field(default_factory=dict)
     tables: dict[str, Product] = field(default_factory=dict)
-    summaries: dict[str, str] = field(default_factory=dict)
     described: dict[str, str] = field(default_factory=dict)
     closeups: tuple[str, ...] = ()
     solves: tuple[Solve, ...] = ()

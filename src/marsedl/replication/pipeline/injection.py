@@ -3,8 +3,7 @@
 There is one rule for all of them. A parameter takes, by its name and annotation,
 
 - what is given beside inputs and records under its name, such as the printed claims `published`;
-- a section of the inputs, or all inputs;
-- a record of artifacts (`Artifacts`), whose fields are taken in the same way;
+- a section of the inputs;
 - what another function of the claims returns, if that is annotated with the class of the parameter;
 - the artifact of its name; `Largest[...]` is that of the case `<name>_large` where there is one.
 
@@ -18,8 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
-from marsedl.replication.inputs.sections import Inputs, Section, by_section
-from marsedl.replication.pipeline.catalogue import Artifacts
+from marsedl.replication.inputs.sections import Section, by_section
 
 LARGE = "_large"  # ends the name of the case of more trials
 _Record = typing.TypeVar("_Record")
@@ -64,13 +62,6 @@ class Arguments:
         """Call a function with its arguments."""
         return function(**self.of(function, **further))
 
-    def whole(self, kind: type) -> typing.Any:
-        """Return all inputs, or a record of artifacts, of a class."""
-        if issubclass(kind, Inputs):
-            return kind.from_plain(self.values)
-        records = {name: self._once(name, _without_none(of)) for name, of in typing.get_type_hints(kind).items()}
-        return kind(**{name: record for name, record in records.items() if record is not None})
-
     @cached_property
     def _sections(self) -> dict[str, dict[str, object]]:
         return by_section(self.values)
@@ -94,8 +85,6 @@ class Arguments:
             return self.call(self.providers[plain])
         if isinstance(plain, type) and issubclass(plain, Section):
             return plain.from_plain(self._sections.get(name, {}))
-        if isinstance(plain, type) and issubclass(plain, Inputs | Artifacts):
-            return self.whole(plain)
         if _LARGEST in marks and (large := self.artifact(name + LARGE, plain)) is not None:
             return large
         return self.artifact(name, plain)

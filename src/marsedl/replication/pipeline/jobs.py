@@ -6,7 +6,7 @@ import os
 import sys
 import traceback
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from marsedl.replication.errors import MarsedlError, SolverError
@@ -81,14 +81,9 @@ class Job:
             store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 
     def readings(self) -> dict[str, Arguments]:
-        """Return what claims and tables over readings can ask for, by reading."""
+        """Return what claims can ask for, by reading."""
         files, inputs = self.made["artifacts"], self.made["inputs"]
         return {reading: self.given(inputs[reading], files[reading]) for reading in inputs}
-
-    def of_readings(self, function: Callable) -> dict[str, tuple]:
-        """Return the argument `readings` of a function, which it annotates as `dict[str, tuple[Inputs, Records]]`."""
-        _, pair = typing.get_args(typing.get_type_hints(function)["readings"])
-        return {name: tuple(map(given.whole, typing.get_args(pair))) for name, given in self.readings().items()}
 
     def check_libraries(self) -> None:
         """Raise MarsedlError if library versions differ from those that Snakemake planned with."""
@@ -143,7 +138,7 @@ def _recorded(path: str = "", digest: str = "") -> Iterator[None]:
 
 def _described(error: Exception, snakemake) -> str:
     """An error in one line; prints the traceback of one that is not expected."""
-    if isinstance(error, SolverError):
+    if isinstance(error, SolverError) and error.iterate:
         return f"{error}{_kept_iterate(Path(snakemake.log[0]).with_suffix('.iterate.csv'), error.iterate)}"
     if isinstance(error, MarsedlError):
         return str(error)

@@ -33,8 +33,8 @@ class Shared:
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """The readings in which claims are evaluated."""
-        return self._study.compared
+        """The readings whose artifacts are made as files."""
+        return self._study.built
 
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""

@@ -68,12 +68,12 @@ class Recipes:
 
     def cache(self, paper: str) -> list[str]:
         """Return all artifacts of a paper that its claims use."""
-        return sorted({path for name in self.studies[paper].compared for path in self.claimed(paper, name).values()})
+        return sorted({path for name in self.studies[paper].built for path in self.claimed(paper, name).values()})
 
     def products(self, paper: str) -> list[str]:
         """Return all figures and tables of a paper that `snakemake all` makes."""
         catalogue = self.papers[paper]
-        kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, *catalogue.summaries, "claims"], "csv md")
+        kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, "claims"], "csv md")
         return [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
 
     def compared(self) -> list[str]:
@@ -119,22 +119,25 @@ class Recipes:
                 needs = [*sorted(self.claimed(stem, CORRECTED).values()), f"report/claims/{stem}.json"]
                 job = f"report/counterexamples/{stem}", needs, "counterexamples.py", *self._claims_entries(stem)
                 return self._made(*job, **self._judging(stem, [CORRECTED]))
-            case "report", "universes", _:
+            case "report", "universes", name if name.endswith(".json"):
+                return self._what_decides(stem)
+            case "report", "universes" | "points", *_:
                 return self._universes(stem.partition(".")[0])
             case "report", "claims.json" | "badge.json":
-                kinds = "claims", "counterexamples"
+                kinds = "claims", "counterexamples", "universes"
                 needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
                 return self._made("report/claims", needs, "all_claims.py")
             case "report", "digests.json":
                 of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
+                of_papers += [f"report/universes/{paper}.h5" for paper in self.papers]
                 return self._made("report/digests", [*of_papers, *self.compared(), "report/claims.json"], "digests.py")
             case "report", *_:
                 return self._site()
             case _, "comparison", _:
                 return self._comparison(stem)
             case _, paper, "universes", _:
-                return self._universes(paper)
-            case _, paper, _ if stem in {*self.papers[paper].summaries, "claims"}:
+                return self._what_decides(paper)
+            case _, paper, "claims.csv" | "claims.md":
                 return self._claims(paper)
             case _, paper, *reading, _:
                 return self._product(paper, reading[0] if reading else CORRECTED, stem)
@@ -173,9 +176,8 @@ class Recipes:
         }
 
     def _claims_entries(self, paper: str) -> list[str]:
-        """A paper's claims with what they share, and its tables over all readings."""
-        summaries = [entry_of(paper, "tables", stem) for stem in self.papers[paper].summaries]
-        return [*self.sources.functions(f"marsedl.papers.{paper}.claims"), *summaries]
+        """A paper's claims with what they share."""
+        return self.sources.functions(f"marsedl.papers.{paper}.claims")
 
     def _claims(self, paper: str) -> Made:
         study = self.studies[paper]
@@ -183,27 +185,45 @@ class Recipes:
             "known_errata": [erratum.id for erratum in self.papers[paper].errata],
             # Verdicts count for the full size with the inputs that the committed verdicts were found with.
             "require_reasons": self.size == FULL and self._committed.get(paper) == counted_inputs(study),
-            "left_out": sorted(study.readings.keys() - set(study.compared)),
+            "left_out": sorted(study.readings.keys() - {*study.built, *study.points}),
             "size": self.size,
         }
-        job = f"report/claims/{paper}", self.cache(paper), "claims.py", *self._claims_entries(paper)
-        return self._made(*job, judged=judged, **self._judging(paper, study.compared))
+        needs = [*self.cache(paper), f"report/points/{paper}.json"]
+        job = f"report/claims/{paper}", needs, "claims.py", *self._claims_entries(paper)
+        return self._made(*job, judged=judged, **self._judging(paper, study.built))
+
+    def _evaluated(self, paper: str) -> list[str]:
+        """A paper's claims and all stages, for claims that are evaluated in memory."""
+        stages = self.papers[paper].stages.values()
+        return [*self._claims_entries(paper), *(entry for stage in stages for entry in stage.entries)]
 
     def _universes(self, paper: str) -> Made:
-        """The table of a paper's universes: all stages that claims use, and what universes vary and how."""
-        study, stages = self.studies[paper], self.papers[paper].stages.values()
-        entries = [entry for stage in stages if not stage.claimed_in for entry in stage.entries]
-        constraint = list(self.sources.functions(f"marsedl.papers.{paper}.admissible"))
-        job = f"report/universes/{paper}", [], "universes_chunk.py", *self._claims_entries(paper), *entries, *constraint
+        """A paper's universes and named readings: all stages, and what universes vary and how."""
+        study = self.studies[paper]
+        constraint = self.sources.functions(f"marsedl.papers.{paper}.admissible")
+        job = f"report/universes/{paper}", [], "universes_chunk.py", *self._evaluated(paper), *constraint
         return self._made(
             *job,
-            size=self.size,
-            space_filling=study.space_filling,
-            alone=study.universes.one_at_a_time,
+            designs=list(study.designs),
             choices={one.name: asdict(one) for one in study.choices},
             limits=[limits for limits, _ in study.limits],
             redrawn=[*study.universes.redrawn, study.universes.tries],
-            **self._judging(paper, [CORRECTED]) | {"artifacts": {}},
+            points=list(study.points),
+            size=self.size,
+            own=study.own_choices,
+            **self._judging(paper, [CORRECTED, *study.points]) | {"artifacts": {}},
+        )
+
+    def _what_decides(self, paper: str) -> Made:
+        """What the table of a paper's universes says, or the committed one."""
+        study = self.studies[paper]
+        return self._made(
+            *(f"report/universes/{paper}_what_decides", [f"report/universes/{paper}.h5"], "what_decides.py"),
+            size=self.size,
+            own=study.own_choices,
+            choices={one.name: asdict(one) for one in study.choices},
+            published=self._file_digest(f"data/published/{paper}.yaml"),
+            committed=self._file_digest(f"data/reference/universes/{paper}.h5"),
         )
 
     def _site(self) -> Made:
@@ -216,6 +236,7 @@ class Recipes:
             *("report/index", [*self.job(digests).needs, digests], "report.py", *closeups),
             size=self.size,
             readings={paper: self._described(paper) for paper in self.papers},
+            own={paper: study.own_choices for paper, study in self.studies.items()},
             files={name: self._file_digest(name) for name in files},
             catalogues={paper: self.sources.code(f"marsedl.papers.{paper}:PAPER") for paper in self.papers},
         )

@@ -128,26 +128,6 @@ def first_line(artifact_type: type) -> str:
     return (artifact_type.__doc__ or "").strip().partition("\n")[0]
 
 
-def trials_of(artifact: Any) -> int:
-    """Return how many single trials an artifact keeps; 0 of one that keeps none."""
-    return next((np.shape(getattr(artifact, name))[place] for name, place in _trial_dimensions(artifact).items()), 0)
-
-
-def first_trials(artifact: Any, number: int) -> Any:
-    """Return an artifact with its first trials; what is stored of all together stays."""
-    if trials_of(artifact) <= number:
-        return artifact
-    places = _trial_dimensions(artifact)
-    fields = {name: np.take(getattr(artifact, name), range(number), axis=place) for name, place in places.items()}
-    return dataclasses.replace(artifact, **fields)
-
-
-def _trial_dimensions(artifact: Any) -> dict[str, int]:
-    """Place of the dimension of trials in each field that has it."""
-    dims = layout(type(artifact)).dims if dataclasses.is_dataclass(artifact) else {}
-    return {name: names.index(TRIALS) for name, names in dims.items() if TRIALS in names}
-
-
 def finite(values: Any) -> Any:
     """Return values as floats with NaN in place of infinities, which artifacts cannot hold."""
     values = np.asarray(values, dtype=float)

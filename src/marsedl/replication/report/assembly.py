@@ -20,7 +20,7 @@ from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records import store
 from marsedl.replication.records.tables import read_table
 from marsedl.replication.report.closeups import CloseUp
-from marsedl.replication.report.readings_compared import Input, Reading
+from marsedl.replication.universes.judging import Judge
 
 LIBRARIES = (
     *("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib"),
@@ -31,8 +31,31 @@ _ENDINGS = {True: "converged", False: "not converged", b"": "not solved"}  # oth
 Paths = Mapping[str, Mapping[str, str]]  # files of the artifacts, by reading and name
 
 
+class Input(NamedTuple):
+    """An input of a reading as it is written, and where it comes from."""
+
+    value: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A reading as the report shows it: what it is for, what it starts from, and all of its inputs by name."""
+
+    name: str
+    summary: str
+    based_on: str | None
+    frozen: bool
+    inputs: Mapping[str, Input]
+
+
+def different(first: Reading, second: Reading, names: Iterable[str]) -> list[str]:
+    """Return the inputs, of these, in which two readings differ."""
+    return [name for name in names if first.inputs[name].value != second.inputs[name].value]
+
+
 class Solved(NamedTuple):
-    """How a solver ended over all readings: the reading of each solve by its ending, the most frequent one first."""
+    """How a solver ended: the reading of each solve by its ending, the most frequent one first."""
 
     artifact: str
     what: str
@@ -45,12 +68,14 @@ class Solved(NamedTuple):
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `units` and `meanings` are those of its inputs; `run_times`, below a header, and `provenance` are rows of text.
+    `judge` knows its universes, `units` and `meanings` are those of its inputs, and `run_times`, below a header, and
+    `provenance` are rows of text.
     """
 
     catalogue: Paper
     claims: Sequence[Claim]
     readings: Mapping[str, Reading]
+    judge: Judge | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     meanings: Mapping[str, str] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
@@ -66,10 +91,12 @@ def paper_report(
     claims: Iterable[Claim],
     paths: Paths,
     benchmarks: Path,
+    judge: Judge,
 ) -> PaperReport:
     """Return the contents of the report on one paper.
 
-    `readings` are those of `Recipes.described`, `claims` and `benchmarks` those of all papers, `paths` its artifacts.
+    `readings` are those of `Recipes.described`, `claims` and `benchmarks` those of all papers, `paths` its artifacts;
+    `judge` knows its universes.
 
     Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
     """
@@ -79,6 +106,7 @@ def paper_report(
         with_numbers(catalogue, Quotes(claims, readings)),
         claims,
         {name: Reading(**{**body, "name": name, "inputs": inputs[name]}) for name, body in readings.items()},
+        judge,
         {name: model.unit(name) for name in names},
         {name: model.meaning(name) for name in names},
         closeups(catalogue, files),

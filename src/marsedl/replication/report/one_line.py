@@ -1,9 +1,8 @@
-"""A claim in one line: the number that decides it, and the causes that move it."""
+"""A claim in one line: the number that decides it, and texts that fit."""
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from marsedl.replication.claims.claim import STANDING_VERDICTS, Claim, Doubt, Margin
 from marsedl.replication.claims.numbers import flatten, format_number, format_result, is_finite
@@ -38,40 +37,6 @@ def shown(row: Claim) -> str:
         texts = [with_unit(*pair) for pair in zip(texts, units, strict=True)]
     line = ", ".join(texts) if len(texts) <= 2 else f"{texts[0]} ... {texts[-1]}"
     return line if differ else with_unit(line, units[0])
-
-
-class Causes(NamedTuple):
-    """Causes of a refuted verdict, in words: errata, and inputs that are not printed."""
-
-    errata: Sequence[str] = ()
-    withheld: Sequence[str] = ()
-
-
-def causes(row: Claim, titles: Mapping[str, str], meanings: Mapping[str, str], moves: Mapping[str, float]) -> Causes:
-    """Return the causes that a refuted claim names, with the titles of errata and the meanings of inputs.
-
-    `moves` is how far each of them moves the number, see `Compared.causes`. The largest comes first; what does not move
-    it is left out, and what no reading tells comes last.
-    """
-
-    def moving(names: Iterable[str]) -> list[str]:
-        return sorted((name for name in names if moves.get(name, 1.0) > 0.0), key=lambda name: -moves.get(name, 0.0))
-
-    if not row.is_refuted:
-        return Causes()
-    return Causes(
-        [titles[name] for name in moving(row.errata) if titles.get(name)],
-        [label(text, meanings) for text in moving(row.withheld)],
-    )
-
-
-def in_line(texts: Sequence[str], room: int = MOST_WORDS) -> str:
-    """Return as many texts as fit into a line of so many words, and the number of the others."""
-    for count in range(len(texts), 0, -1):
-        remainder = f" and {len(texts) - count} more" if count < len(texts) else ""
-        if len((line := "; ".join(texts[:count]) + remainder).split()) <= room:
-            return line
-    return f"{cut(texts[0], room - len(remainder.split()))}{remainder}"
 
 
 def cut(text: str, most: int = MOST_WORDS) -> str:
@@ -125,20 +90,3 @@ def _digits(value: float, digits: int) -> str:
     """A number with this many digits, and all of those before the point."""
     whole = abs(value - round(value)) <= ROUNDING * abs(value) and abs(value) < 1e6
     return f"{value:.0f}" if whole else near(value, value, digits=digits)
-
-
-def named_inputs(text: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the inputs, of these, that a text names as "section.name"."""
-    return tuple(name for name in re.findall(r"\b\w+\.\w+\b", text) if name in names)
-
-
-def label(text: str, meanings: Mapping[str, str], fewest: int = 3) -> str:
-    """What is withheld, in words: without the names of inputs, and the meaning of one that stands alone.
-
-    Of a meaning its first clause is enough if it has so many words.
-    """
-    if re.fullmatch(r"\w+\.\w+", text):
-        meaning = meanings.get(text) or text
-        first = re.split("[:;]", meaning)[0]
-        return first if len(first.split()) >= fewest else meaning
-    return re.sub(r"\s*\([^()]*\w\.\w[^()]*\)", "", text)

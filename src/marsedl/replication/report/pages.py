@@ -10,20 +10,23 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from marsedl.replication.claims import counterexamples
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
-from marsedl.replication.claims.counterexamples import in_words
-from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result, is_finite, is_number
+from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
 from marsedl.replication.claims.rows import summary, unexplained
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import one_line
-from marsedl.replication.report.assembly import PaperReport
+from marsedl.replication.report.assembly import Input, PaperReport, Reading, different
+from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.report.readings_compared import Change, Compared, Input, Reading, different
+from marsedl.replication.universes.designs import DESIGNS, SPACE_FILLING
+from marsedl.replication.universes.joint import answer, joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
@@ -31,7 +34,8 @@ _SEARCH_DATA = "assets/search-data.js"
 COMPARISON = "comparison"  # the page of all papers together, and its folder
 _OTHER_PAGES = ("index", COMPARISON, "about")
 _ZIP = "report.zip"
-_BARS = 8  # choices that are drawn
+_BARS = 10  # values of choices that are drawn
+UNIVERSES = "universes"  # the folder of a paper's pictures of them
 
 
 def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
@@ -43,6 +47,12 @@ def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
         *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
         _ZIP,
     ]
+
+
+def universe_pictures(headlines: int) -> list[str]:
+    """Return the names of the pictures of a paper's universes: of all claims, then two for each headline."""
+    of_headlines = [f"headline_{number + 1}_{kind}" for number in range(headlines) for kind in ("values", "choices")]
+    return [f"{UNIVERSES}/{name}" for name in ("heat_map", "closing_in", *of_headlines)]
 
 
 def build_site(
@@ -80,11 +90,10 @@ def build_site(
     files |= {f"{entry['paper'].slug}.html": render("paper", entry=entry) for entry in entries}
     files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in _ASSETS}
     files[_SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
-    files |= {
-        f"pictures/{one.place}.png": one.content.content
-        for shown in (*entries, together)
-        for one in shown["figures"].values()
-    }
+    for shown in (*entries, together):
+        files |= {f"pictures/{one.place}.png": one.content.content for one in shown["figures"].values()}
+        slug = shown["paper"].slug
+        files |= {f"pictures/{slug}/{name}.png": one.content for name, _, one in shown["universes"]}
     files[_ZIP] = _zipped(files)
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -103,9 +112,9 @@ def _templates() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    of_one_line = (one_line.shown, one_line.cut, one_line.in_line, one_line.limit, one_line.short_doubt)
-    of_names = (one_line.named_inputs, one_line.shown_unit, one_line.near, figure_label, different)
-    here = (_capital, _json, _said, _components, _by_verdict, _dots, _signed, _other_values)
+    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.short_doubt)
+    of_names = (one_line.shown_unit, one_line.near, figure_label, different, in_words, answer)
+    here = (_capital, _json, _said, _components, _by_verdict, _signed, _other_values)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_names, *here)} | {
         "words": lambda verdict: verdict.replace("_", " "),
         "count": lambda number, word: f"{number} {word}{'' if number == 1 else 's'}",
@@ -115,11 +124,8 @@ def _templates() -> Any:
         "printed": lambda row: "" if row.is_statement else ", ".join(format_lines(row.printed, None, row.resolution)),
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
         "used": lambda row: ", ".join(format_result(row, row.reading)),
-        "turned": in_words,
+        "turned": counterexamples.in_words,
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
-        "named": lambda choice, titles, meanings: (
-            [titles[name] for name in choice.errata] or [one_line.label(name, meanings, 1) for name in choice.inputs]
-        ),
     }
     templates.globals |= {"kinds": VERDICTS_OF, "standing": STANDING_VERDICTS, "terms": words(), "default": CORRECTED}
     return templates
@@ -177,27 +183,24 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     paper, rows = report.catalogue, report.claims
     if paper.picture and paper.picture not in paper.figures:
         raise InputError(f"report: {paper.slug}: the picture {paper.picture!r} is none of its figures")
-    compared = Compared(rows, paper.errata, report.readings, report.meanings)
-    moves, changed = compared.causes(), compared.changed_verdicts()
+    deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
     titles = {erratum.id: erratum.title or erratum.printed for erratum in paper.errata}
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
-    causes = {name: one_line.causes(row, titles, report.meanings, moves.get(name, {})) for name, row in claims.items()}
-    tables = paper.tables | {name: Product(caption, beyond=True) for name, caption in paper.summaries.items()}
     return {
         "report": report,
         "paper": paper,
         "name": figure_label(paper.slug),
         "claims": claims,
-        "causes": causes,
         "headline": sorted((row for row in claims.values() if row.headline), key=lambda row: row.headline),
         "summary": summary(rows),
         "titles": titles,
-        "deciding": _deciding(compared),
-        "effects": sorted(compared.effects(), key=lambda one: -len(one.refuted) if one.group == "together" else 0),
-        "open_inputs": compared.open_inputs(),
+        "deciding": deciding.number and _deciding(deciding.number),
+        "effects": sorted(deciding.effects(), key=lambda one: -len(one.refuted) if one.group == "named" else 0),
+        "open": deciding.open(),
+        **_universes(report, root),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
         "figures": _shown(paper.figures, root / paper.slug, picture, ".png", paper.described),
-        "tables": _shown(tables, root / paper.slug, read_markdown, ".md"),
+        "tables": _shown(paper.tables, root / paper.slug, read_markdown, ".md"),
     }
 
 
@@ -221,8 +224,8 @@ def _said(row: Claim) -> str:
 
 
 def _by_verdict(row: Claim) -> dict[str, list[str]]:
-    """The readings by their verdicts, each from as many trials as other readings have."""
-    return _grouped((result.comparable.verdict or "not evaluated", name) for name, result in row.readings.items())
+    """The readings by their verdicts."""
+    return _grouped((result.verdict or "not evaluated", name) for name, result in row.readings.items())
 
 
 def _components(row: Claim) -> list[tuple[str, str, str]]:
@@ -232,73 +235,53 @@ def _components(row: Claim) -> list[tuple[str, str, str]]:
     return list(zip(*columns, strict=True)) if len({len(column) for column in columns}) == 1 else []
 
 
-def _dots(row: Claim) -> dict[str, Any] | None:
-    """What every reading gives, on one line: the number, or the measure that decides a statement.
-
-    What lies further from the printed value, or the limit, than ten times the default reading or half of the others is
-    named and not drawn.
-    """
-    margin, given, mark, unit = row.result.margin, row.readings, row.printed, row.unit
-    if row.is_statement:
-        margins = {name: result.margin for name, result in row.readings.items() if result.margin and margin}
-        given = {name: other for name, other in margins.items() if other.measure == margin.measure}
-        mark, unit = (margin.limit, margin.unit) if margin else (None, "")
-    finite = {name: one.value for name, one in given.items() if is_number(one.value) and is_finite(one.value)}
-    if len(finite) < 2 or row.reading not in finite or not is_number(mark) or not is_finite(mark):
-        return None
-    own, away = finite[row.reading], sorted(abs(value - mark) for value in finite.values())
-    reach = 10 * max(abs(own - mark), away[len(away) // 2])
-    near = {name: value for name, value in finite.items() if abs(value - mark) <= reach}
-    ends = [*near.values(), mark]
-    place = _places(ends, 3)
-    if min(ends) == max(ends):
-        return None
-    return {
-        "own": own,
-        "mark": mark,
-        "least": min(ends),
-        "most": max(ends),
-        "unit": one_line.shown_unit(unit),
-        "place": place,
-        "others": sorted({place(value) for name, value in near.items() if name != row.reading}),
-        "count": len(near),
-        "beyond": [name for name in finite if name not in near],
-    }
-
-
 def _places(values: Sequence[float], rim: float) -> Callable[[float], float]:
     """Return the function from a number to its place on a line from 0 to 100 that holds all of these, within a rim."""
     least, most = min(values), max(values)
     return lambda value: round(rim + (100 - 2 * rim) * (value - least) / (most - least), 1) if most > least else 50.0
 
 
-def _deciding(compared: Compared) -> dict[str, Any] | None:
-    """The deciding number, and what each choice makes of it, those that change it most first; a few are drawn."""
-    number = compared.deciding()
-    if number is None:
-        return None
-    mark = number.limit if number.printed is None else number.printed
-    moved = [choice for choice in number.choices if choice.change and choice.change.counts]
-    sizes = [abs(choice.change.difference) for choice in moved]
-    usual = max(0.0 if mark is None else abs(number.value - mark), sorted(sizes)[len(sizes) // 2] if sizes else 0.0)
-    bars = [choice for choice, size in zip(moved, sizes, strict=True) if size <= 20 * usual][:_BARS]
-    ends = [number.value, mark, *(choice.change.after for choice in bars)]
+def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
+    """The pictures of a paper's universes, each with its name and title, and how many fill the space of choices."""
+    if report.judge is None:
+        return {"universes": [], "filling": 0, "joint": None}
+    titles = ["Every choice and every claim", "What is not ruled out"]
+    headlines = sorted((row for row in report.claims if row.headline), key=lambda row: row.headline)
+    for row in headlines:
+        said = _said(row).rstrip(".")
+        titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
+    folder, table = root / report.catalogue.slug, report.judge.table
     return {
-        "number": number,
-        "mark": mark,
-        "place": _places([end for end in ends if end is not None], 4),
-        "bars": bars,
-        "more": [choice.reading for choice in moved if choice not in bars],
-        "still": [choice.reading for choice in number.choices if choice.change and not choice.change.counts],
-        "none": [choice.reading for choice in number.choices if choice.change is None],
+        "joint": joint(report.judge),
+        "universes": [
+            (name, text, picture(folder / f"{name}.png"))
+            for name, text in zip(universe_pictures(len(headlines)), titles, strict=True)
+        ],
+        "filling": int(((table.design == DESIGNS.index(SPACE_FILLING)) & (table.seed == 0)).sum()),
     }
 
 
-def _signed(change: Change) -> str:
-    """The difference of a change with its sign, standard error and unit."""
-    text = one_line.near(change.difference, change.difference, change.error)
-    unit = "" if change.unit == "1" else change.unit
-    return f"{'+' * (change.difference > 0)}{text} {unit}".strip().replace("-", "−", 1)
+def _deciding(number: Number) -> dict[str, Any]:
+    """The deciding number, and what each choice makes of it by itself, the largest change first; a few are drawn."""
+    moved = [one for one in number.effects if one.counts]
+    sizes = sorted(abs(one.difference) for one in moved)
+    usual = max(abs(number.value - number.mark), sizes[len(sizes) // 2] if sizes else 0.0)
+    near = [one for one in moved if abs(one.difference) <= 20 * usual]
+    bars = near[:_BARS]
+    return {
+        "number": number,
+        "place": _places([number.value, number.mark, *(one.number for one in bars)], 4),
+        "bars": bars,
+        "more": [one for one in moved if one not in bars],
+        "still": list(dict.fromkeys(one.choice for one in number.effects if not one.counts)),
+    }
+
+
+def _signed(difference: float, unit: str) -> str:
+    """A difference with its sign and unit."""
+    text = one_line.near(difference, difference)
+    unit = "" if unit == "1" else unit
+    return f"{'+' * (difference > 0)}{text} {unit}".strip().replace("-", "−", 1)
 
 
 def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:

@@ -43,16 +43,14 @@ class _Erratum(Keys):
     evidence: Text
     used: Text
     title: Plain = ""
-    kept_by: tuple[Words, ...] = ()
 
 
 class _Texts(Keys):
     figures: dict[str, _Figure]
     tables: dict[str, _Table] = Field({})
-    over_readings: dict[str, Text] = Field({})
     errata: dict[str, _Erratum] = Field({})
 
-    @field_validator("figures", "tables", "over_readings", "errata", mode="before")
+    @field_validator("figures", "tables", "errata", mode="before")
     @classmethod
     def _none_of_them(cls, value):
         return {} if value is None else value
@@ -81,7 +79,6 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         },
         described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
         tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
-        summaries=texts.over_readings,
         errata=tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
         question=texts.question,
         in_short=texts.in_short,

@@ -23,7 +23,7 @@ class Universe:
     """A numbered assignment of choices.
 
     `seed` numbers the random streams, 0 those of the reading `corrected`. `inputs` are further ones by "section.key",
-    as they are written in a configuration.
+    as they are written in a configuration. `wave` is that in which it was computed, 0 before the first.
     """
 
     number: int
@@ -31,6 +31,7 @@ class Universe:
     assignment: Assignment
     seed: int = 0
     inputs: Mapping[str, object] = field(default_factory=dict)
+    wave: int = 0
 
 
 def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[Universe]:
@@ -43,9 +44,13 @@ def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[
         if names is not None and choice.name not in names:
             continue
         needed = {
-            name: those[0] for name, those in choice.only_if.items() if choices.by_name[name].corrected not in those
+            name: those[0]
+            for name, those in choice.only_if.items()
+            if choices.default(choices.by_name[name]) not in those
         }
-        assignments += [{**needed, choice.name: value} for value in values_of(choice) if value != choice.corrected]
+        assignments += [
+            {**needed, choice.name: value} for value in values_of(choice) if value != choices.default(choice)
+        ]
     return [Universe(number, ONE_AT_A_TIME, one) for number, one in enumerate(assignments)]
 
 
@@ -57,6 +62,7 @@ def values_of(choice: Choice) -> list:
 
 
 FIRST = 1000  # number of the first universe of the space-filling design
+AGAIN = 1_000_000  # added to the number of one that is computed again with other random numbers
 
 
 def numbered(choices: Choices, number: int) -> Universe:
@@ -113,7 +119,8 @@ def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
 def assignment_at(choices: Choices, combined: Sequence[Choice], shares: Sequence[float]) -> dict:
     """Return the assignment at a point of the unit cube; values that do not apply are left out."""
     drawn = {one.name: value_at(one, float(share)) for one, share in zip(combined, shares, strict=True)}
-    return {name: value for name, value in choices.complete(drawn).items() if value != choices.by_name[name].corrected}
+    complete = choices.complete(drawn)
+    return {one.name: complete[one.name] for one in choices if complete[one.name] != choices.default(one)}
 
 
 def value_at(choice: Choice, share: float) -> str | float:
@@ -138,9 +145,16 @@ def redrawn(choices: Choices, universe: Universe, names: Sequence[str], attempt:
     return replace(universe, assignment={**kept, **drawn})
 
 
-def design(choices: Choices, count: int, names: Sequence[str] | None = None) -> list[Universe]:
-    """Return the universes of a table: one at a time (of some choices), then so many that fill the space."""
-    return [*one_at_a_time(choices, names), *space_filling(choices, count)]
+def design(
+    choices: Choices, count: int, names: Sequence[str] | None = None, alone: int | None = None
+) -> list[Universe]:
+    """Return the universes of a table: one at a time (of some choices, at most so many), then those that fill space.
+
+    One of sixteen of these comes again with other random numbers.
+    """
+    filling = space_filling(choices, count)
+    again = [replace(one, number=AGAIN + one.number, seed=1) for one in filling[: count // 16]]
+    return [*one_at_a_time(choices, names)[:alone], *filling, *again]
 
 
 def part(universes: Sequence[Universe], chunk: int, chunks: int) -> list[Universe]:

@@ -5,22 +5,28 @@ Shares of universes depend on how many alternatives each choice lists: they are 
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
-from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.claim import BY_CONSTRUCTION, REFUTED_VERDICTS, STANDING_VERDICTS, Standing
+from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices, Value
-from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.inputs.sections import Inputs
+from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.records import store
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, Universe, interval_of
 from marsedl.replication.universes.table import (
     CAUSES,
     VERDICTS,
     Universes,
+    coded,
     components_of,
     decoded,
     half_digit,
@@ -28,6 +34,7 @@ from marsedl.replication.universes.table import (
 )
 
 ROBUST, DEPENDS, NEVER, UNDECIDED = "robust", "depends", "never", "undecided"
+TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
 
@@ -131,12 +138,14 @@ def wilson(count: int, of: int) -> Share:
 class Judge:
     """Judges claims by a paper's table of universes."""
 
-    def __init__(self, table: Universes, choices: Choices, published: Sequence[PublishedClaim]):
-        """Take the table, the paper's choices and what it prints.
+    def __init__(
+        self, table: Universes, choices: Choices, published: Sequence[PublishedClaim], *, is_committed: bool = False
+    ):
+        """Take the table, the paper's choices and what it prints, and whether the table is a committed one.
 
         Raises ValueError if the table has no universe `corrected`.
         """
-        self.table, self.choices = table, choices
+        self.table, self.choices, self.is_committed = table, choices, is_committed
         self.published = {one.id: one for one in published}
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self._claims = {str(name): at for at, name in enumerate(table.claim)}
@@ -146,15 +155,7 @@ class Judge:
     @cached_property
     def _corrected(self) -> np.ndarray:
         """The values of `corrected`, as in the table."""
-        return np.array(
-            [
-                (math.nan if one.corrected is None else one.corrected)
-                if one.range
-                else list(one.alternatives).index(one.corrected)
-                for one in self.choices
-            ],
-            dtype=float,
-        )
+        return np.array(coded(self.choices, Universe(0, ONE_AT_A_TIME, {})), dtype=float)
 
     @cached_property
     def _moved(self) -> np.ndarray:
@@ -171,12 +172,15 @@ class Judge:
         filled = self._in(SPACE_FILLING)
         verdicts = np.array(VERDICTS)[self.table.verdict[:, at]]
         has_result = self.table.cause[:, at] == CAUSES.index("result")
-        stands, decided = np.isin(verdicts, STANDING_VERDICTS), np.isin(verdicts, STANDING_VERDICTS + REFUTED_VERDICTS)
+        stands = np.isin(verdicts, TRUE)
+        decided = stands | np.isin(verdicts, REFUTED_VERDICTS)
         component = self._deciding_component(claim)
         place = self._components.get(component)
         effects = self.effects(claim)
-        indices = self.indices(self.table.value[:, place], filled, place) if place is not None else ()
-        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at)
+        pairs = bool(self.published[claim].headline)  # of others they would take most of the time
+        values = np.full(len(filled), np.nan) if place is None else self.table.value[:, place]
+        indices = self.indices(values, filled, at, pairs=pairs)
+        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at, pairs=pairs)
         on = self._depends_on(stands, effects, (*indices, *of_verdict))
         every = filled | self._in(ONE_AT_A_TIME)
         causes, counts = np.unique(self.table.cause[every, at], return_counts=True)
@@ -204,6 +208,20 @@ class Judge:
         if not len(stands):
             return UNDECIDED
         return ROBUST if stands.all() else DEPENDS if stands.any() else NEVER
+
+    def standing(self, claim: str) -> Standing:
+        """Return what the universes say of a claim, as it stands beside its verdict."""
+        judged = self.judged(claim)
+        cause, share = cause_of(judged), judged.over_results
+        return Standing(
+            stands=judged.stands,
+            on=judged.on,
+            true=share.count,
+            of=share.of,
+            low=share.low,
+            high=share.high,
+            cause=cause and (cause.choice, f"{cause.value:g}" if isinstance(cause.value, float) else cause.value),
+        )
 
     def claim_place(self, claim: str) -> int:
         """Return the column of a claim's verdicts."""
@@ -262,6 +280,18 @@ class Judge:
             found.append(Effect(main[0].name, value, int(self.table.number[universe]), verdict, cause, *numbers))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
 
+    def second_seed(self) -> Share:
+        """Return how many numbers agree, within three standard errors, with those of other random numbers."""
+        table, pairs = self.table, []
+        for again in np.flatnonzero(table.seed != 0):
+            same = (table.assignment == table.assignment[again]) | np.isnan(table.assignment[again])
+            pairs += [(again, k) for k in np.flatnonzero(same.all(axis=1) & (table.seed == 0))[:1]]
+        first, second = np.array(pairs, dtype=int).reshape(-1, 2).T
+        error = np.hypot(table.error[first], table.error[second])
+        use = error > 0.0
+        agree = np.abs(table.value[first] - table.value[second]) <= SIGMAS * error
+        return wilson(int(agree[use].sum()), int(use.sum()))
+
     def _change(self, label: str, place: int, universe: int) -> tuple[float, float, float, bool]:
         names = ("value", "error", "limit")
         before, after = (tuple(getattr(self.table, n)[at, place] for n in names) for at in (self.base, universe))
@@ -296,12 +326,13 @@ class Judge:
 
     # ------------------------------------------------------------------------------------------------------- indices
 
-    def indices(self, values: np.ndarray, among: np.ndarray, key: int = 0) -> tuple[Index, ...]:
-        """Return the correlation ratio of every choice with a number, the largest first, then of pairs of choices.
+    def indices(self, values: np.ndarray, among: np.ndarray, key: int = 0, *, pairs: bool = True) -> tuple[Index, ...]:
+        """Return the correlation ratio of every choice with a number, the largest first, then of pairs if asked for.
 
         It is the share of the variance of the number's ranks between the values of the choice (a range in four equal
         parts), among universes with a value. Of a pair it is what both explain together beyond each by itself, and
-        only pairs beyond chance are returned. `chance` is what 95 of 100 permutations of the values stay below.
+        only pairs beyond chance are returned. `chance` is what 95 of 100 permutations of the values stay below, with
+        all choices at once: of many choices, one would be beyond its own level by chance.
         """
         use = among & np.isfinite(values)
         if use.sum() < 8 or np.ptp(values[use]) == 0.0:
@@ -312,14 +343,18 @@ class Judge:
         groups = {one.name: self._groups(one, self.table.assignment[use, k]) for k, one in enumerate(self.choices)}
         groups = {name: group for name, group in groups.items() if len(np.unique(group)) > 1}
         ratios = {name: correlation_ratio(tried, group) for name, group in groups.items()}
-        alone = [Index(name, float(r[0]), float(np.quantile(r[1:], LEVEL))) for name, r in ratios.items()]
-        pairs = []
-        for first, second in itertools.combinations(groups, 2):
+        null = np.array([ratio[1:] for ratio in ratios.values()])
+        mean, spread = null.mean(axis=1), np.maximum(null.std(axis=1), 1e-12)
+        level = np.quantile(((null - mean[:, np.newaxis]) / spread[:, np.newaxis]).max(axis=0), LEVEL)
+        chance = dict(zip(ratios, mean + level * spread, strict=True))
+        alone = [Index(name, float(ratio[0]), float(chance[name])) for name, ratio in ratios.items()]
+        beyond_chance = []
+        for first, second in itertools.combinations(groups, 2) if pairs else ():
             both = np.unique(np.array([groups[first], groups[second]]), axis=1, return_inverse=True)[1]
             beyond = correlation_ratio(tried, both) - ratios[first] - ratios[second]
             found = Index(f"{first} x {second}", float(beyond[0]), float(beyond[1:].max()))
-            pairs += [found] if found.decides else []
-        return (*sorted(alone, key=lambda one: -one.ratio), *sorted(pairs, key=lambda one: -one.ratio))
+            beyond_chance += [found] if found.decides else []
+        return (*sorted(alone, key=lambda one: -one.ratio), *sorted(beyond_chance, key=lambda one: -one.ratio))
 
     @staticmethod
     def _groups(choice: Choice, numbers: np.ndarray) -> np.ndarray:
@@ -331,11 +366,7 @@ class Judge:
     def _depends_on(self, stands, effects, indices) -> tuple[str, ...]:
         """The choices that turn a verdict by themselves, then those with an index beyond chance."""
         base = stands[self.base]
-        turned = [
-            e.choice
-            for e in effects
-            if e.verdict in STANDING_VERDICTS + REFUTED_VERDICTS and (e.verdict in STANDING_VERDICTS) != base
-        ]
+        turned = [e.choice for e in effects if e.verdict in TRUE + REFUTED_VERDICTS and (e.verdict in TRUE) != base]
         beyond = [name for one in indices if one.decides for name in one.choice.split(" x ")]
         return tuple(dict.fromkeys([*turned, *beyond]))
 
@@ -371,3 +402,30 @@ def correlation_ratio(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
 def cause_of(judged: Judged) -> Effect | None:
     """Return the choice with the largest effect towards what is printed; None if nothing moves the number there."""
     return next((one for one in judged.effects if one.counts and one.towards and one.cause == "result"), None)
+
+
+COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper
+
+
+def judge_of(
+    paper: Paper, model: type[Inputs], root: Path, size: str, choices: Mapping[str, object], path: str | Path
+) -> Judge:
+    """Return what judges the claims of a paper by a table of universes in a file.
+
+    That is the committed run instead, which has more universes, if it was computed from the same inputs and code.
+
+    Args:
+        paper: the catalogue.
+        model: its typed inputs.
+        root: the project's folder.
+        size: the size that is built.
+        choices: those of a user, as they are written.
+        path: of the table.
+
+    """
+    study = load_study(paper.slug, model, root, size, choices)
+    published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
+    large = root / COMMITTED / f"{paper.slug}.h5"
+    is_committed = large.exists() and store.provenance(large)["world"] == store.provenance(path)["world"]
+    table = store.load(large if is_committed else path, Universes, paper=paper.slug)
+    return Judge(table, study.choices, published, is_committed=is_committed)

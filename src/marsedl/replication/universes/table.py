@@ -31,12 +31,14 @@ from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.pipeline.staleness import BENCHMARKS
 from marsedl.replication.records.fields import quantities, quantity, record
+from marsedl.replication.records.recipes import recipe_digest
 from marsedl.replication.sizes import FULL
-from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, part, redrawn
 
 VERDICTS = ("none", "reproduced", "close", "differs", "holds", "fails", "undetermined", "by_construction")
 # Why there is no verdict: it has one; the claim asks for what this universe does not have; four classes of failure.
 CAUSES = ("result", "not_asked", "inadmissible", "infeasible", "refused", "numerical")
+_SHARED = ("choice", "claim", "component")  # fields of a table that all of its universes share
 EVALUATED = (*MEASURED, "qualitative")  # kinds of claims
 
 
@@ -47,6 +49,7 @@ class Universes:
     number: np.ndarray = quantity("1", ("universe",), "number of the universe", int)
     design: np.ndarray = quantity("1", ("universe",), "place in `DESIGNS` of the design that it belongs to", "int8")
     seed: np.ndarray = quantity("1", ("universe",), "number of its random streams; 0: those of corrected", int)
+    wave: np.ndarray = quantity("1", ("universe",), "wave in which it was computed; 0: before the first", int)
     assignment: np.ndarray = quantity(
         "1", ("universe", "choice"), "value of each choice: the place of the alternative, or the number", allow_nan=True
     )
@@ -90,15 +93,17 @@ class Evaluator:
         self.paper, self.study, self.claims, self.further = paper, study, claims, further
         self.published = {one.id: one for one in published}
         self.memory = Memory()
-        # Stages that claims use in some readings only are studies of these.
-        self.without = frozenset(name for name, stage in paper.stages.items() if stage.claimed_in)
 
     @classmethod
-    def of(cls, paper: Paper, model: type[Inputs], root: Path, size: str = FULL) -> "Evaluator":
-        """Return what evaluates a paper of the project in a folder, at a size; model: its typed inputs."""
+    def of(cls, paper: Paper, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> "Evaluator":
+        """Return what evaluates a paper of the project in a folder, at a size.
+
+        model: its typed inputs; choices: those of a user, as they are written.
+        """
         published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
         further = {"measured": load_measured(root / BENCHMARKS, paper.slug)} if paper.measured else {}
-        return cls(paper, load_study(paper.slug, model, root, size), claims_of(paper.slug), published, **further)
+        study = load_study(paper.slug, model, root, size, choices)
+        return cls(paper, study, claims_of(paper.slug), published, **further)
 
     def limit_trials(self, most: int) -> None:
         """Let no Monte Carlo case of a universe fly more trials."""
@@ -136,10 +141,25 @@ class Evaluator:
             reading = self.study.universe(universe.assignment, universe.inputs, universe.seed)
         except InputError as error:
             raise InadmissibleError(str(error)) from None
-        run = Run.of(self.paper, reading.inputs, self.memory, self.without)
+        run = Run.of(self.paper, reading.inputs, self.memory, self._unclaimed(reading.name))
         if constrained and (constraint := constraint_of(self.paper.slug)):
             run.given().call(constraint)
         return run
+
+    def point(self, name: str) -> dict[str, Evaluation | None]:
+        """Return what a named reading gives for each claim; None for one that needs what fails or is not there.
+
+        Unlike a universe, it has the numbers of trials that its inputs say.
+        """
+        inputs = self.study.readings[name].inputs
+        run = Run.of(self.paper, inputs, self.memory, self._unclaimed(name))
+        found = self.claims.evaluate(run.given(), self.published, (Missing, SolverError), **self.further)
+        self.memory.let_go()
+        return found
+
+    def _unclaimed(self, reading: str) -> list[str]:
+        """The stages that claims use in other readings only."""
+        return [name for name, one in self.paper.stages.items() if reading not in (one.claimed_in or [reading])]
 
     def row(self, universe: Universe) -> "Row":
         """Return what all claims give in a universe, each by itself.
@@ -249,6 +269,27 @@ def tabulated(evaluator: Evaluator, universes: Sequence[Universe], title: str = 
     return table_of(evaluator, rows)
 
 
+def chunk_of(
+    evaluator: Evaluator, universes: Sequence[Universe], chunk: int, chunks: int, title: str
+) -> tuple[Universes, dict[str, dict[str, Evaluation | None]]]:
+    """Compute one of so many chunks of universes; returns their table, and what named readings give.
+
+    A named reading is evaluated next to the universe with its values of choices, with which it shares records.
+    """
+    own, study, found = part(universes, chunk, chunks), evaluator.study, {}
+    points = {name: study.assignment_of(name) for name in study.points}
+    beside = {name: next((k for k, u in enumerate(universes) if u.assignment == points[name]), None) for name in points}
+    others = [name for name in points if beside[name] is None][chunk::chunks]
+    rows = []
+    for universe in own:
+        rows.append(evaluator.row(universe))
+        if len(rows) % 10 == 0:
+            print(f"{title}: {len(rows)} of {len(own)} universes", file=sys.stderr)
+        found |= {n: evaluator.point(n) for n, k in beside.items() if k is not None and universes[k] is universe}
+    found |= {name: evaluator.point(name) for name in others}
+    return table_of(evaluator, rows), found
+
+
 def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     """Return the table of universes that were evaluated."""
     choices, asked = evaluator.study.choices, evaluator.asked
@@ -267,6 +308,7 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
         number=np.array([row.universe.number for row in rows], dtype=np.int64),
         design=np.array([DESIGNS.index(row.universe.design) for row in rows], dtype=np.int8),
         seed=np.array([row.universe.seed for row in rows], dtype=np.int64),
+        wave=np.array([row.universe.wave for row in rows], dtype=np.int64),
         assignment=np.array([coded(choices, row.universe) for row in rows]).reshape(len(rows), len(choices)),
         tries=np.array([row.tries for row in rows], dtype=np.int64),
         sentence=np.array([_sentence(row.outcomes) for row in rows], dtype=str),
@@ -281,13 +323,27 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     )
 
 
+def world_of(made: Mapping[str, Any]) -> str:
+    """Return the digest of what universes are computed from, whichever they are; made: what their job is given."""
+    same = {name: value for name, value in made.items() if name not in ("designs", "record", "points")}
+    return recipe_digest(same | {"inputs": made["inputs"][CORRECTED]})
+
+
+def selected(table: Universes, those: np.ndarray) -> Universes:
+    """Return some of the universes of a table; those: a mask, or places."""
+    return replace(table, **{name: getattr(table, name)[those] for name in _along()})
+
+
+def _along() -> list[str]:
+    """The fields of a table that lie along its universes."""
+    return [name for name in quantities(Universes) if name not in _SHARED]
+
+
 def gathered(chunks: Sequence[Universes]) -> Universes:
     """Return the table of all universes of several, in the order of their numbers."""
     order = np.argsort(np.concatenate([chunk.number for chunk in chunks]), kind="stable")
-    shared = ("choice", "claim", "component")
-    along = [name for name in quantities(Universes) if name not in shared]
-    joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks])[order] for name in along}
-    return Universes(**joined, **{name: getattr(chunks[0], name) for name in shared})
+    joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks])[order] for name in _along()}
+    return replace(chunks[0], **joined)
 
 
 def coded(choices: Choices, universe: Universe) -> list[float]:

@@ -18,6 +18,7 @@ from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.universes.designs import (
+    AGAIN,
     SEED,
     WAVE,
     Universe,
@@ -27,9 +28,22 @@ from marsedl.replication.universes.designs import (
     sobol,
     varied,
 )
-from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit
+from marsedl.replication.universes.table import (
+    VERDICTS,
+    Evaluator,
+    Universes,
+    components_of,
+    decoded,
+    gathered,
+    half_digit,
+    selected,
+    tabulated,
+)
 
 CANDIDATES = 8192
+MOST = 4  # waves
+FEWEST = 4  # universes that an emulator rests on
+FIRST_OF_WAVES = 100_000  # number of the first universe of a wave
 RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with the smallest error of what is left out
 
 
@@ -111,6 +125,8 @@ class Matching:
         distances = {}
         for label, (missing, deviation) in self.measured(table).items():
             use = among & np.isfinite(missing)
+            if use.sum() < FEWEST:
+                continue
             mean, error = emulated(features[use], missing[use], wanted)
             spread = np.hypot(error, np.median(deviation[use]))
             distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
@@ -128,12 +144,17 @@ class Matching:
         )
         return wave, left
 
-    def next_universes(self, left: np.ndarray, count: int, first: int) -> list[Universe]:
-        """Return universes at the first of the points that are left, numbered from `first`."""
+    def next_universes(self, left: np.ndarray, count: int, first: int, wave: int) -> list[Universe]:
+        """Return the universes of a wave at the first of the points that are left, numbered from `first`."""
         return [
-            Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point))
+            Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=wave)
             for k, point in enumerate(left[:count])
         ]
+
+    def waves(self, table: Universes) -> list[Wave]:
+        """Return what each wave ruled out by which universes of a table were computed."""
+        table = selected(table, table.seed == 0)
+        return [self.wave(selected(table, table.wave <= k), k)[0] for k in range(1 + int(table.wave.max()))]
 
     def run(
         self, table: Universes, compute: Callable[[list[Universe]], Universes], join, count: int, most: int
@@ -150,13 +171,32 @@ class Matching:
         """
         waves: list[Wave] = []
         while True:
-            wave, left = self.wave(table, len(waves))
+            wave, left = self.wave(selected(table, table.seed == 0), len(waves))
             waves.append(wave)
             nothing_new = len(waves) > 1 and wave.volume > 0.9 * waves[-2].volume
             if len(waves) > most or nothing_new or not len(left):
                 return waves, table
-            universes = self.next_universes(left, count, int(table.number.max()) + 1)
-            table = join([table, compute(universes)])
+            first = FIRST_OF_WAVES + count * (len(waves) - 1)
+            table = join([table, compute(self.next_universes(left, count, first, len(waves)))])
+
+    def extended(self, table: Universes, evaluator: Evaluator, count: int) -> Universes:
+        """Return a table with the universes of waves, and the best of all again with other random numbers.
+
+        count: universes of a wave.
+        """
+
+        def compute(universes: list[Universe]) -> Universes:
+            title = f"{evaluator.paper.slug}, wave {universes[0].wave}"
+            return tabulated(evaluator, universes, title)
+
+        _, table = self.run(table, compute, gathered, count, MOST)
+        own = self.implausibility(table)
+        if not np.isfinite(own).any():
+            return table
+        at = int(np.nanargmin(np.where(table.seed == 0, own, np.nan)))
+        assignment = decoded(self.choices, table.assignment[at])
+        again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
+        return table if again.number in table.number else gathered([table, tabulated(evaluator, [again])])
 
     def _points(self, table: Universes) -> np.ndarray:
         """Universes as points of the unit cube (universe, varied)."""

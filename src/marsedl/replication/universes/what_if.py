@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import yaml
 
-from marsedl.replication.errors import InputError, shown
+from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs.choices import Choices
+from marsedl.replication.pipeline.catalogue import entry_of, function_of
+from marsedl.replication.pipeline.runner import Run
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe
 from marsedl.replication.universes.table import Evaluator, Outcome, components_of, half_digit, size_of_change
 
@@ -62,9 +64,7 @@ def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapp
         InputError: for an unknown choice, value or input, and for inputs that do not fit together.
 
     """
-    corrected, changed = Universe(0, ONE_AT_A_TIME, {}), Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
-    # What is asked for is computed, though it may contradict what is printed: no choice is drawn again.
-    before, after = (evaluator.outcomes(evaluator.run(one, constrained=False)) for one in (corrected, changed))
+    before, after = map(evaluator.outcomes, _runs(evaluator, assignment, inputs))
     moved = [
         _moved(evaluator, name, label, index, before[name], after[name])
         for name in evaluator.asked
@@ -72,6 +72,26 @@ def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapp
     ]
     counting = [one for one in moved if one.counts]
     return sorted(counting, key=lambda one: (one.verdict_before == one.verdict_after, -np.nan_to_num(one.size)))
+
+
+def _runs(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> tuple[Run, Run]:
+    """The runs of `corrected` and of what is asked for.
+
+    That is computed though it may contradict what is printed: no choice is drawn again.
+    """
+    corrected, changed = Universe(0, ONE_AT_A_TIME, {}), Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
+    return evaluator.run(corrected, constrained=False), evaluator.run(changed, constrained=False)
+
+
+def drawn(evaluator: Evaluator, stem: str, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> dict:
+    """Return a figure of `corrected` and one of the other universe, by title; raises InputError for an unknown one."""
+    paper = evaluator.paper
+    if stem not in paper.figures:
+        raise InputError(f"{paper.slug} has no figure {shown(stem)}; {nearest(stem, paper.figures)}")
+    function = function_of(entry_of(paper.slug, "figures", stem))
+    titles = "corrected", ", ".join(f"{name} = {value}" for name, value in {**assignment, **inputs}.items())
+    runs = _runs(evaluator, assignment, inputs)
+    return {t: run.given().call(function, published=evaluator.published) for t, run in zip(titles, runs, strict=True)}
 
 
 def _moved(evaluator: Evaluator, name: str, label: str, index: tuple, before: Outcome, after: Outcome) -> Moved:

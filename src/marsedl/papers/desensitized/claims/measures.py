@@ -16,9 +16,9 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
-from marsedl.papers.desensitized.tradeoff import has_row
 from marsedl.replication.claims.thresholds import MOST, ROUNDING
 from marsedl.replication.claims.writing import Evaluation, Fails, Test, holds, measure, provided
+from marsedl.replication.errors import InfeasibleError, MarsedlError
 from marsedl.replication.units import DEGREE
 
 PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)
@@ -26,14 +26,9 @@ LAW_OF = [LAWS.index(channel) for channel in CHANNELS]
 ALL_LAW = LAWS.index(ALL_COLUMNS)
 RADIUS, CROSSRANGE, DOWNRANGE = range(len(CHANNELS))
 
-# What the paper withholds, with the inputs that hold it here.
-GAINS = "the feedback gains (design.gain_design, design.gain_start)"
-PLANET = "the radius of Mars (planet.planet_radius)"
-ENDS = "the conditions on the bank angle and its rate at both ends (mission.initial_bank and the like)"
-UNITS = "the units of the norm (design.sensitivity_length, design.sensitivity_columns)"
-BRANCH = "the branch of solutions (solver.guess_banks)"
-INFINITY = "the weight that stands for an infinite one (design.infinite_weights)"
-SCHEME = "the rule of the collocation (solver.scheme)"
+# Choices that several claims name.
+GAINS = "feedback_gains gain_start"
+ENDS = "initial_bank initial_bank_rate final_bank final_bank_rate"
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
@@ -90,7 +85,8 @@ class Rows:
         self.vector = tradeoff.error[self.number]
         self.error = size(self.vector)
         self.reversals = tradeoff.reversals[self.number]
-        self.left_out = design.printed_weights[~has_row(design, self.effort[0])]
+        self.c1, self.finite = tradeoff.printed_weight[self.number], design.printed_weights
+        self.branch = tradeoff.branch[tradeoff.row_branch[self.number]]
         matched = design.weight_rule == "matched"
         self.circular = "the rows are chosen for their printed control energy" if matched else ""
 
@@ -100,16 +96,20 @@ class Rows:
 
     def at(self, c1: float) -> int:
         """The number of the row with a printed weight."""
-        matching = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
+        matching = np.flatnonzero(self.c1 == c1)
         if matching.size:
             return int(matching[0])
-        if c1 in self.left_out:
-            raise Fails(f"the control energy of c1 = {c1:g} lies below the least, {self.effort[0]:.4f} deg^2/s^3")
-        raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
+        wanted = self.tradeoff.missing_effort[self.tradeoff.missing_weight == c1]
+        if not wanted.size:
+            raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
+        if wanted[0] < self.effort[0]:
+            sentence = f"the control energy of c1 = {c1:g} lies below the least, {self.effort[0]:.4f} deg^2/s^3"
+            raise InfeasibleError(sentence, {})
+        raise MarsedlError(f"no solution on the path has the control energy of c1 = {c1:g}, {wanted[0]:g} deg^2/s^3")
 
-    def require_all(self) -> None:
-        """Refuse a table in which a printed weight has no row."""
-        for c1 in self.left_out:
+    def require(self, weights) -> None:
+        """Refuse a table in which one of some printed weights has no row."""
+        for c1 in weights:
             self.at(c1)
 
     @property

@@ -42,7 +42,7 @@ def _swept(values, errors):
 @claim(
     "The smallest gains leave {left:.1f} % of the flown error, tuned ones {feedback_tuned.left:.1f} %.",
     errata="E13",
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)),
 )
 def feedback_radius_greatly_reduced(flight: RadiusFlight, gains: Gains, responses: Responses):
@@ -66,7 +66,7 @@ def fig03_nofeedback_below_nodoc(responses: Responses):
 @claim(
     "The linear domain ends at {domain:.0f} m, with tuned gains at {feedback_tuned.domain:.0f} m.",
     errata="E13",
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.wide_error", at=(LAW, RADIUS)),
 )
 def fig03a_feedback_smaller_linear_domain(flight: RadiusFlight, gains: Gains, responses: Responses):
@@ -93,7 +93,7 @@ def linear_domain(gains: Gains, responses: Responses, law: int, channel: int) ->
     return float(np.abs(errors[inside]).max(initial=0.0))
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.narrow_error", at=(LAW, RADIUS)))
+@claim(choices=GAINS, counterexample=scaled("responses.narrow_error", at=(LAW, RADIUS)))
 def fig03b_feedback_best_small_errors(flight: RadiusFlight, responses: Responses):
     narrow = _swept(responses.narrow_error, responses.narrow)
     best = narrow[2] / narrow[:2].min(axis=0)
@@ -121,7 +121,7 @@ def fig04_nofeedback_somewhat_below(flight: RadiusFlight, responses: Responses):
     return holds(measure(subject, 100 * (1.0 - reshaped / without), "%") >= 100 * VISIBLE)
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)))
+@claim(choices=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)))
 def fig04_ordering(flight: RadiusFlight, responses: Responses):
     without, reshaped, with_feedback = _final(responses)
     subject = f"final error with feedback after {flight.entry_error:g} m of radius error"
@@ -139,7 +139,7 @@ def fig04_fig05_same_trajectory(planet: Planet, flight: RadiusFlight, responses:
 # ---- Fig. 5 ----------------------------------------------------------------------------------------------------------
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.acceleration", at=(LAW, RADIUS)))
+@claim(choices=GAINS, counterexample=scaled("responses.acceleration", at=(LAW, RADIUS)))
 def fig05a_comparable_acceleration(flight: RadiusFlight, responses: Responses):
     largest = np.abs(responses.acceleration[LAW, RADIUS]).max() / DEGREE
     nominal = np.abs(responses.nominal_acceleration[LAW]).max() / DEGREE
@@ -147,14 +147,14 @@ def fig05a_comparable_acceleration(flight: RadiusFlight, responses: Responses):
     return flight.holds(measure(subject, 100 * abs(largest / nominal - 1.0), "%") <= 100 * SIMILAR)
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.cumulative", at=(LAW, RADIUS)))
+@claim(choices=GAINS, counterexample=scaled("responses.cumulative", at=(LAW, RADIUS)))
 def fig05a_no_excessive_fuel(flight: RadiusFlight, responses: Responses):
     fuel, nominal = responses.cumulative[LAW, RADIUS] / DEGREE, responses.nominal_cumulative[LAW] / DEGREE
     subject = f"cumulative bank rate after {flight.entry_error:g} m of radius error, excess over the nominal's"
     return flight.holds(measure(subject, 100 * (fuel / nominal - 1.0), "%") <= 100 * SIMILAR)
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, ..., CROSSRANGE)))
+@claim(choices=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, ..., CROSSRANGE)))
 def fig04_phase1_position_effects(flight: RadiusFlight):
     start, early, alone = flight.at(0.0), flight.at(flight.first), flight.without_feedback(flight.first)
     drag = 100 * flight.more_drag(0.9 * flight.first, flight.first)
@@ -167,7 +167,7 @@ def fig04_phase1_position_effects(flight: RadiusFlight):
     )
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, slice(60, 90), DOWNRANGE)))
+@claim(choices=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, slice(60, 90), DOWNRANGE)))
 def fig04_phase2_position_effects(flight: RadiusFlight):
     # As in the middle phase of Fig. 11: against the beginning of the phase.
     early, late = flight.at(flight.first), flight.at(flight.second)
@@ -180,7 +180,7 @@ def fig04_phase2_position_effects(flight: RadiusFlight):
 @claim(
     "It goes from {early:.0f} to {late:.0f} m; the last phase corrects it to {last:.0f} m.",
     errata="E13",
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.error", at=(LAW, RADIUS, slice(60, 90), CROSSRANGE)),
 )
 def fig04_phase2_crossrange_corrected(flight: RadiusFlight):
@@ -193,7 +193,7 @@ def fig04_phase2_crossrange_corrected(flight: RadiusFlight):
     )
 
 
-@claim(withheld=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)))
+@claim(choices=GAINS, counterexample=scaled("responses.error", at=(LAW, RADIUS, -1)))
 def fig04_phase3_position_effects(flight: RadiusFlight):
     late, last = flight.at(flight.second), flight.at(flight.end)
     return flight.holds(
@@ -205,7 +205,7 @@ def fig04_phase3_position_effects(flight: RadiusFlight):
 @claim(
     "Lift exceeds the nominal's by {lift:.0f} % of all lift; drag differs by {drag:+.2f} %.",
     errata="E13",
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=shifted("responses.state", at=(LAW, RADIUS, ..., 0)),
 )
 def fig04_phase3_lift_and_drag(flight: RadiusFlight):

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from marsedl.papers.desensitized.claims.measures import BRANCH, ENDS, PLANET, SCHEME, UNITS, Rows, printed_rows, size
+from marsedl.papers.desensitized.claims.measures import ENDS, Rows, printed_rows, size
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
 from marsedl.papers.desensitized.inputs import Mission, Studies
-from marsedl.papers.desensitized.records import Branches, Certificates
 from marsedl.replication.claims.claim import Tolerance
 from marsedl.replication.claims.counterexamples import replaced, scaled
 from marsedl.replication.claims.thresholds import MOST, VISIBLE
@@ -44,7 +43,7 @@ def c1_values(rows: Rows, published: dict):
 @claim(
     "The error differs by {apart:+.1f} %; the bank at entry is chosen for this row.",
     errata="E1 E2 E4 E5 E7 E16",
-    withheld=(PLANET, ENDS, SCHEME),
+    choices=f"planet_radius {ENDS} scheme",
     close=Tolerance(reason=OPEN, absolute=(0.0044, 0.068, 0.0032, 0.5)),
     # One that has the printed size.
     counterexample=replaced("tradeoff.error", (0.0, 0.0, 8039.0), at=(0,)),
@@ -54,7 +53,7 @@ def c1_values(rows: Rows, published: dict):
 @claim(
     "Compared at the printed control energy; the branch ends at a weight of {fold:.4f}.",
     errata="E6 E8",
-    withheld=(PLANET, ENDS),
+    choices=f"planet_radius {ENDS}",
     close=Tolerance(reason=OPEN + ROUNDED, absolute=(0.0045, 0.067, 0.0032, 99.0)),
     counterexample=scaled("tradeoff.error", at=(1,)),
     name="tab03_c0p001",
@@ -63,7 +62,7 @@ def c1_values(rows: Rows, published: dict):
 @claim(
     "At the printed control energy the error is {value[3]:.0f} m, in other units {mixed_units.value[3]:.0f} m.",
     errata="E8 E12",
-    withheld=(PLANET, UNITS),
+    choices="planet_radius norm_length norm_columns",
     close=Tolerance(reason=OPEN, absolute=(0.0098, 0.15, 0.0061, 59.0)),
     counterexample=replaced("tradeoff.error", (0.0, 0.0, 7372.0), at=(2,)),
     name="tab03_c0p01",
@@ -72,7 +71,7 @@ def c1_values(rows: Rows, published: dict):
 @claim(
     "At the printed control energy the error is {value[3]:.0f} m, in other units {mixed_units.value[3]:.0f} m.",
     errata="E8 E12",
-    withheld=(PLANET, UNITS),
+    choices="planet_radius norm_length norm_columns",
     close=Tolerance(reason=OPEN, absolute=(0.05, 0.32, 0.0127, 52.0)),
     counterexample=scaled("tradeoff.error", at=(3,)),
     name="tab03_c0p1",
@@ -81,35 +80,26 @@ def c1_values(rows: Rows, published: dict):
 @claim(
     "At the printed control energy we find {value[1]:.3f} deg/s and {value[3]:.0f} m.",
     errata="E8 E15",
-    withheld=(PLANET, UNITS),
+    choices="planet_radius norm_length norm_columns",
     close=Tolerance(reason=OPEN, absolute=(0.166, 0.51, 0.0203, 49.0)),
     counterexample=scaled("tradeoff.cumulative", at=(4,)),
     name="tab03_c1",
     c1=1.0,
 )
-def table_3(rows: Rows, published: dict, certificates: Certificates | None = None, *, c1):
+def table_3(rows: Rows, published: dict, *, c1):
     row, solved = rows.at(c1), rows.tradeoff
     number = rows.number[row]
-    by_scheme = {}  # J0 on the intervals of the row
-    if certificates is not None:
-        same_mesh = certificates.intervals == solved.bank_acceleration.shape[1]
-        by_scheme = {
-            scheme: effort[same_mesh][0]
-            for scheme, effort in zip(certificates.scheme, certificates.mesh_effort[0], strict=True)
-            if same_mesh.any()
-        }
     bank_rate = np.abs(solved.state[number, :, BANK_RATE])
     return measured(
         [rows.effort[row], rows.cumulative[row], rows.propellant[row], rows.error[row]],
         evidence=f"weight {rows.weight[row]:.4g} deg^2/s^3; altitude, crossrange and downrange error "
-        f"{listed(rows.vector[row], '.0f')} m; bank reversals: {rows.reversals[row]}",
+        f"{listed(rows.vector[row], '.0f')} m; bank reversals: {rows.reversals[row]}, on the branch that begins with "
+        f"{rows.branch[row]}",
         apart=100 * (rows.error[row] / printed_rows(published)[c1][-1] - 1.0),
         cumulative_apart=100 * abs(rows.cumulative[row] / printed_rows(published)[c1][1] - 1.0),
         fold=solved.fold_weight[0, 0] if len(solved.fold_effort) else np.nan,
         travel=np.trapezoid(bank_rate, solved.time[number]) / DEGREE,
         miss=size(solved.miss[number]),
-        trapezoids=by_scheme.get("trapezoid", np.nan),
-        hermite_simpson=by_scheme.get("hermite_simpson", np.nan),
     )
 
 
@@ -123,7 +113,7 @@ def tab03_cinf_effort(rows: Rows):
 @claim(
     "It is {value:.1f} m by any weights; only the planet's radius changes it.",
     errata="E7 E11",
-    withheld=PLANET,
+    choices="planet_radius",
     close=Tolerance(reason=OPEN, absolute=48.0),
     counterexample=scaled("tradeoff.error", at=(6,)),
 )
@@ -134,7 +124,7 @@ def tab03_cinf_error(rows: Rows):
 @claim(
     "From {first:.0f} to {last:.0f} m; the paper prints {printed_first:.0f} and {printed_last:.0f} m.",
     errata="E7",
-    withheld=(PLANET, ENDS),
+    choices=f"planet_radius {ENDS}",
     close=Tolerance(reason=OPEN + " This share of the last row's error is 0.6 % of the first row's.", absolute=0.6),
     counterexample=scaled("tradeoff.error", at=(6,)),
 )
@@ -158,41 +148,22 @@ def fuel_ratio_cinf_to_nodoc(rows: Rows, published: dict):
 
 
 @claim(
-    "Another local minimum ({lower_name}) has a control energy of {lower:.4f} instead of {effort:.4f} deg^2/s^3.",
+    "Another local minimum has a control energy of {one_reversal.effort:.4f} instead of {effort:.4f} deg^2/s^3.",
     errata="E6",
-    withheld=BRANCH,
+    choices="branch",
 )
-def nodoc_smallest_j0(rows: Rows, branches: Branches | None = None):
+def nodoc_smallest_j0(rows: Rows):
     return holds(
         measure("control energy of the rows with a weight", rows.effort[1:], "deg^2/s^3") > rows.effort[0],
         by_construction=rows.circular,
         effort=rows.effort[0],
-        **({"lower": np.nan, "lower_name": ""} if branches is None else _other_solutions(branches)),
     )
-
-
-def _other_solutions(branches):
-    """Least local minimum; J0 and cumulative bank rate by other conditions on the bank; J0 and weight at the fold."""
-    fixed = [tuple(map(bool, row)) for row in branches.set_fixed]
-    sets = {  # initial bank, its rate, final bank, its rate
-        "final_rate": (False, False, False, True),
-        "initial_bank": (True, False, False, False),
-        "both_initial": (True, True, False, False),
-        "both_rates": (False, True, False, True),
-    }
-    values = np.column_stack([branches.set_effort, branches.set_cumulative / DEGREE])
-    least, fold = branches.effort.argmin(), branches.curve_weight.argmax()
-    return {
-        **{name: values[fixed.index(conditions)] for name, conditions in sets.items()},
-        "lower": branches.effort[least],
-        "lower_name": str(branches.name[least]),
-        "fold": [branches.curve_effort[fold], branches.curve_weight[fold]],
-    }
 
 
 @claim(
     "The solution with one reversal has {one_reversal.first:.0f} m, the first row {first:.0f} m.",
     errata="E6",
+    choices="branch",
     counterexample=scaled("tradeoff.error", at=(0,)),
 )
 def nodoc_largest_sensitivity(rows: Rows):
@@ -209,17 +180,18 @@ def error_decreases_with_c1(rows: Rows):
 
 @claim("Rows are chosen for it; where the branch ends it falls to {beyond:.4f} deg^2/s^3.", errata="E6 E8")
 def j0_increases_with_c1(rows: Rows):
-    folds = rows.tradeoff.fold_effort
+    before, beyond = next(iter(rows.tradeoff.fold_effort), (np.nan, np.nan))
     return holds(
         measure("change of the control energy from row to row", np.diff(rows.effort), "deg^2/s^3") > 0.0,
         by_construction=rows.circular,
-        beyond=folds[0, 1] if len(folds) else np.nan,
+        before=before,
+        beyond=beyond,
     )
 
 
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(1,)))
 def fuel_increases_except_first_step(rows: Rows):
-    rows.require_all()
+    rows.require(rows.finite)
     steps = np.diff(rows.propellant)
     return holds(
         measure("change of fuel from the first row to the second", steps[0], "kg") < 0.0,
@@ -230,10 +202,9 @@ def fuel_increases_except_first_step(rows: Rows):
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(0,)))
 def more_fuel_when_desensitized(rows: Rows):
     # The first row with a weight is the exception that the paper names itself.
-    rows.require_all()
-    return holds(
-        measure("fuel of the rows after the first with a weight", rows.propellant[2:], "kg") > rows.propellant[0]
-    )
+    rows.require(rows.finite[1:])
+    later = rows.propellant[~np.isin(rows.c1, [0.0, rows.finite[0]])]
+    return holds(measure("fuel of the rows after the first with a weight", later, "kg") > rows.propellant[0])
 
 
 @claim(
@@ -280,6 +251,8 @@ def more_reversals_when_desensitized(rows: Rows):
 
 @claim(counterexample=replaced("tradeoff.state", 0.0, at=(..., BANK)))
 def fig02_reshaping_evident(rows: Rows):
+    if not set(rows.finite) & set(rows.c1):
+        rows.require(rows.finite)
     banks = rows.tradeoff.state[rows.number, :, BANK]
     change = np.abs(banks - banks[0]).max(axis=1)[1:] / DEGREE
     subject = "largest departure of a bank angle of finite weight from the first row's, at the same share of the flight"

@@ -40,7 +40,7 @@ def bank_phase(name, channel, sign, phase, side=0, **declared):
     """Claim of a phase in which the bank angle departs to a side, with the nominal one on a given side or any."""
     turned = shifted("responses.state", at=(LAW_OF[channel], channel, ..., BANK))
     options = {"channel": channel, "sign": sign, "phase": phase, "side": side}
-    return claim(withheld=GAINS, counterexample=turned, name=name, **options, **declared)
+    return claim(choices=GAINS, counterexample=turned, name=name, **options, **declared)
 
 
 @bank_phase("fig05b_phase1_more_reversed", RADIUS, -1, 0)
@@ -64,8 +64,8 @@ def bank_angle_departs(flights: Flights, *, channel, sign, phase, side):
     return flight.holds(flight.departs(sign, *bounds[phase : phase + 2], side))
 
 
-@claim(errata="E13", withheld=GAINS, name="fig05b_phase_times", channel=RADIUS)
-@claim(errata="E13", withheld=GAINS, name="fig07b_phase_times", channel=DOWNRANGE)
+@claim(errata="E13", choices=GAINS, name="fig05b_phase_times", channel=RADIUS)
+@claim(errata="E13", choices=GAINS, name="fig07b_phase_times", channel=DOWNRANGE)
 def phase_times(flights: Flights, *, channel):
     flight = flights[channel]
     last_reversal = flight.reversal_times[-1] if flight.reversal_times.size else np.nan
@@ -95,13 +95,13 @@ def needs_feedback(linearization: Linearization, gains: Gains, *, channel):
 @claim(
     name="fig09_feedback_significantly_reduced",
     channel=CROSSRANGE,
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=replaced("gains.final", 1.0, at=(CROSSRANGE_LAW, CROSSRANGE, CROSSRANGE)),
 )
 @claim(
     name="fig06_feedback_significantly_reduced",
     channel=DOWNRANGE,
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.narrow_error", at=(DOWNRANGE_LAW, DOWNRANGE)),
 )
 def feedback_significantly_reduced(flights: Flights, gains: Gains, responses: Responses, *, channel):
@@ -115,13 +115,13 @@ def feedback_significantly_reduced(flights: Flights, gains: Gains, responses: Re
 @claim(
     name="fig09_reduction_larger_for_small_errors",
     channel=CROSSRANGE,
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.tabulated_error", at=(CROSSRANGE_LAW, CROSSRANGE)),
 )
 @claim(
     name="fig06b_reduction_larger_for_small_errors",
     channel=DOWNRANGE,
-    withheld=GAINS,
+    choices=GAINS,
     counterexample=scaled("responses.tabulated_error", at=(DOWNRANGE_LAW, DOWNRANGE)),
 )
 def reduction_larger_for_small_errors(flights: Flights, responses: Responses, *, channel):

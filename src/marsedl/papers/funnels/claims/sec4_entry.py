@@ -13,7 +13,7 @@ from marsedl.papers.funnels.claims.measures import (
     of_variant,
     sampled_levels,
 )
-from marsedl.papers.funnels.inputs import Mission, Recursion, Studies
+from marsedl.papers.funnels.inputs import Recursion, Studies
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     EquationsOfMotion,
@@ -22,12 +22,12 @@ from marsedl.papers.funnels.records import (
     LinearBounds,
     Linearization,
     Nominal,
-    Optima,
     StageStudy,
 )
 from marsedl.replication.claims.counterexamples import in_reading, replaced, scaled, shifted
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.claims.writing import check, claim, holds, measure, measured
+from marsedl.replication.pipeline.injection import Missing
 from marsedl.replication.units import DEGREE, WATT_PER_CM2
 
 
@@ -51,7 +51,7 @@ def gram_size():
 @claim(
     "With the printed d, an expansion of order {order} asks for {with_exponent} rows.",
     errata="E5",
-    withheld="recursion.taylor_order",
+    choices="taylor_order",
     counterexample=replaced("recursion.taylor_order", 1),
 )
 def gram_45_follows_from_d1(recursion: Recursion):
@@ -84,7 +84,7 @@ def gram_45_with_additive_disturbances():
 
 @claim(
     "Its condition number is {sphere:.0f}, with variance one {variance:.1f}; monomials have {monomials:.0f}.",
-    withheld="the scale of the coordinates in which the basis is taken",
+    errata="E24",
     counterexample=scaled("stage_study.basis_condition", at=(4,)),
 )
 def hermite_conditioning(stage_study: StageStudy):
@@ -135,12 +135,12 @@ def entry_equations(equations_of_motion: EquationsOfMotion):
 
 
 @claim(
-    withheld=("guidance.scale_lengths", "guidance.scale_bank", "recursion.steps_per_slice"),
+    choices="scale_lengths scale_bank slices",
     counterexample=in_reading("additive"),
 )
 def tvlqr_as_lyapunov(recursion: Recursion, funnel: Funnel, definiteness: Definiteness):
     if recursion.shape != "value_matrix":
-        return None
+        raise Missing("slices of the regulator's cost-to-go")
     rising = 100 * largest(funnel.rising_undisturbed, np.inf)
     return holds(
         complete(funnel),
@@ -154,27 +154,21 @@ def tvlqr_as_lyapunov(recursion: Recursion, funnel: Funnel, definiteness: Defini
     errata="E22 E23",
     by_construction="the limit is ours, and the solver imposes it at the nodes",
 )
-def thermal_constraint_nominal(mission: Mission, nominal: Nominal, optima: Optima):
-    limit, peak = mission.heat_rate_limit / WATT_PER_CM2, nominal.peak_heat_rate / WATT_PER_CM2
+def thermal_constraint_nominal(nominal: Nominal):
+    limit, peak = nominal.heat_rate_limit / WATT_PER_CM2, nominal.peak_heat_rate / WATT_PER_CM2
     at_nodes = nominal.heat_rate.max() / WATT_PER_CM2
-    # Costs and final times of the optima on the first mesh.
-    first = np.array([optima.cost / DEGREE**2, optima.final_time])[:, optima.intervals == optima.intervals.min()]
     return holds(
         measure("heat rate at the nodes, where it is limited", at_nodes, "W/cm^2") <= limit * (1.0 + ROUNDING),
         nodes=at_nodes,
         between=peak,
-        optima=first.shape[1],
-        least_cost=first[0].min(),
-        most_cost=first[0].max(),
-        shortest=first[1].min(),
-        longest=first[1].max(),
+        cost=nominal.cost / DEGREE**2,
         final_time=nominal.time[-1],
     )
 
 
 @claim(
     "Under the worst disturbance V grows at {worst:.2g} % of the slice.",
-    withheld=("studies.fig4_coordinates", "the disturbance of Fig. 4"),
+    choices="fig4_plane",
     counterexample=shifted("funnel.fig4_circle_rate"),
 )
 def fig4_samples_cover_sublevel_set(recursion: Recursion, studies: Studies, funnel: Funnel):

@@ -18,8 +18,6 @@ CONFIDENCE = 0.95  # of the bound of a probability
 MINUTE = 60.0
 BEGINNING = 0.5  # share of the flight: "at the beginning" is before its middle
 END = 0.1  # share of the flight: "near the end"
-WEIGHTS = ("guidance.terminal_weight", "guidance.scale_lengths", "guidance.scale_bank", "recursion.shape")
-SOLVER = "solver settings and machine"
 
 
 @claim(
@@ -54,7 +52,7 @@ def sos_above_mc(recursion: Recursion, funnel: Funnel, constant: FlightEnsemble)
 
 @claim(
     "Slices of least trace (`minkowski_shape`) have their first peak at {minkowski_shape.time:.0f} s.",
-    withheld=("recursion.shape", "uncertainty.initial_lengths", "uncertainty.density_amplitude"),
+    choices="shape initial_set density_amplitude",
     counterexample=in_reading("minkowski_shape"),
 )
 def first_peak(recursion: Recursion, linearization: Linearization, funnel: Funnel):
@@ -75,7 +73,7 @@ def first_peak(recursion: Recursion, linearization: Linearization, funnel: Funne
 @claim(
     """With more weight at the end (`terminal_weight`), rho grows from {terminal_weight.before:.1f} to
     {terminal_weight.last:.1f}.""",
-    withheld=WEIGHTS,
+    choices="terminal_weight scale_lengths scale_bank shape",
     counterexample=in_reading("terminal_weight"),
 )
 def end_expansion(funnel: Funnel):
@@ -91,7 +89,7 @@ def end_expansion(funnel: Funnel):
 
 @claim(
     "The velocity changes in direction: near the end, the flight path turns at {turn_end:.2f} deg/s.",
-    withheld=("mission.entry_flight_path_angle", "mission.final_downrange"),
+    choices="entry_angle final_downrange",
     counterexample=scaled("vehicle.lift_to_drag"),
 )
 def end_high_velocity_changes(planet: Planet, vehicle: Vehicle, linearization: Linearization):
@@ -127,14 +125,14 @@ def _rows(measured_costs, *names):
     return values, [f"not measured: {'; '.join(missing)}"] if missing else []
 
 
-@claim("On one core it takes {seconds:.0f} s.", withheld=SOLVER)
+@claim("On one core it takes {seconds:.0f} s.", errata="E25")
 def funnel_run_time(measured: dict[str, float] | None = None):
     (seconds,), missing = _rows(measured or {}, BY_SAMPLES)
     evidence = [f"{seconds:.3g} s on one core, integrated motion, {MEASUREMENTS}", *missing]
     return result(seconds / MINUTE, evidence=evidence, seconds=seconds)
 
 
-@claim("Our entry has {variables} variables; a whole funnel by multipliers takes {cheapest:.0f} s.", withheld=SOLVER)
+@claim("Our entry has {variables} variables; a whole funnel by multipliers takes {cheapest:.0f} s.", errata="E25")
 def multiplier_dimension_limit(measured: dict[str, float] | None = None):
     multipliers, missing = _rows(measured or {}, *BY_COEFFICIENTS)
     variables, cheapest, evidence = SPHERES.variables, np.min(multipliers), [MEASUREMENTS, *missing]
@@ -143,7 +141,7 @@ def multiplier_dimension_limit(measured: dict[str, float] | None = None):
 
 @claim(
     "The whole funnel by multipliers takes {cheapest:.0f} s; the paper takes a minute by samples.",
-    withheld=SOLVER,
+    errata="E25",
     counterexample=scaled(f"measured.{BY_COEFFICIENTS[1]}"),
 )
 def multiplier_prohibitive(measured: dict[str, float] | None = None):
@@ -160,7 +158,7 @@ def multiplier_prohibitive(measured: dict[str, float] | None = None):
 
 @claim(
     "A solver made for samples is {factor:.1f} times as fast as multipliers.",
-    withheld=SOLVER,
+    errata="E25",
     counterexample=scaled(f"measured.{BY_SAMPLES}"),
 )
 def sampling_reduces_cost(measured: dict[str, float] | None = None):
@@ -176,7 +174,7 @@ def sampling_reduces_cost(measured: dict[str, float] | None = None):
 
 @claim(
     "It costs {cost:.1f} times as much as the paper's number of flights in array code.",
-    withheld=SOLVER,
+    errata="E25",
     counterexample=scaled(f"measured.{OVER_FLIGHTS}"),
 )
 def cheaper_than_monte_carlo(measured: dict[str, float] | None = None):

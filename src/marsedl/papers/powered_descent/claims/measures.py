@@ -1,4 +1,4 @@
-"""What several claims and tables share: what "met" means, moments of the trials, and what was tried."""
+"""What several claims and tables share: what "met" means, and moments of the trials."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.montecarlo.streaming import FinalMoments
 from marsedl.papers.powered_descent.inputs import Mission
-from marsedl.papers.powered_descent.records import Choices, FlightEnsemble
+from marsedl.papers.powered_descent.records import FlightEnsemble
 from marsedl.replication.pipeline.injection import Largest
 
 MOTION_PART, MASS = slice(4), 4  # components of the final state
@@ -74,9 +74,6 @@ def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:
     )
 
 
-# -------------------------------------------------------------------------------------------------- what was tried
-
-
 def printed_covariance(published) -> np.ndarray:
     """Covariance of Eq. 54 (4, 4), made symmetric: entry (1,2) as above the diagonal (E8), others the mean (E9)."""
     upper = np.array(published["mc_final_cov_upper"].printed)
@@ -87,47 +84,3 @@ def printed_covariance(published) -> np.ndarray:
     covariance[UPPER] = both
     covariance[UPPER[::-1]] = both
     return covariance
-
-
-def mean_chi_square(published, choices: Choices) -> np.ndarray:
-    """Chi-square of the printed mean under each choice of the simulation, on 4 degrees of freedom.
-
-    The sampling error is that of the paper's number of trials with the covariance of the choice, and that of the choice
-    itself. Returns (profiles, command intervals, simulations); NaN where too few trials make it singular.
-    """
-    printed = published["mc_final_mean"]
-    difference = np.array(printed.printed) - choices.mean
-    error = choices.covariance / printed.trials + choices.mean_error
-    if choices.trials <= error.shape[-1]:
-        return np.full(error.shape[:-2], np.nan)
-    return np.einsum("...i,...i->...", difference, np.linalg.solve(error, difference[..., np.newaxis])[..., 0])
-
-
-class TriedMeans(NamedTuple):
-    """How well the printed mean fits the choices of the simulation."""
-
-    number: int  # of choices
-    chi_square: float  # the smallest of them
-    p_value: float  # of a larger one by chance
-
-
-def tried_means(choices: Choices, published) -> TriedMeans:
-    """How well the choice of the simulation fits whose mean is nearest to the printed one."""
-    from scipy.special import chdtrc
-
-    chi_square = mean_chi_square(published, choices)
-    smallest = float(chi_square.min())
-    return TriedMeans(chi_square.size, smallest, float(chdtrc(choices.mean.shape[-1], smallest)))
-
-
-class TriedMasses(NamedTuple):
-    """Final masses of Algorithm 3 under the choices of its start and of its iteration, kg."""
-
-    converged: int  # of choices, each iterated to its end
-    lowest_converged: float
-
-
-def tried_masses(choices: Choices) -> TriedMasses:
-    """What the choices give for the prior final mass."""
-    with_feedback = choices.final_mass[..., int(np.flatnonzero(choices.feedback)[0]), -1]
-    return TriedMasses(with_feedback.size, float(np.nanmin(with_feedback)))

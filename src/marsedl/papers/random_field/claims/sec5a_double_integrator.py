@@ -72,7 +72,7 @@ def dint_constraint_slopes(point_mass: PointMass, published):
 @claim(
     "Of {trials:,} flights {share:.3f} % lie outside, where {allotted:.2f} % are allotted.",
     errata="E11",
-    withheld="the steps at which the lines constrain (`point_mass.double_integrator_constrained`)",
+    choices="constrained_steps",
     counterexample=scaled("double_integrator_flights.any_violations", at=(CLOSED, -1)),
 )
 def dint_chance_constraints_satisfied(

@@ -1,13 +1,11 @@
 """What several claims share: the four flights, their percentiles, the curves of Figs. 8 and 9, what "close" means."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streaming import final_extremes, final_percentile, is_streamed, outcome_count
-from marsedl.papers.stochastic_entry.inputs import Design, Mission, Planet, Simulation
+from marsedl.papers.stochastic_entry.inputs import Design, Mission, Planet
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     CASES,
@@ -15,16 +13,13 @@ from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     FLIGHT_PATH_ANGLE,
     LEVELS,
-    TRIGGERS,
     VELOCITY,
-    Combinations,
     FlightEnsemble,
     Gains,
     Linearization,
     errors,
 )
-from marsedl.replication.claims.thresholds import ROUNDING, SIGMAS
-from marsedl.replication.claims.verdicts import Evaluation, judge
+from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.writing import Fails
 
 LAWS = ("apollo", "stochastic")
@@ -40,16 +35,7 @@ ROWS = (
 
 FEASIBLE = 1e-3  # relative excess over a limit that a solver may leave
 
-# What the paper withholds, with the input that it is here.
-DENSITY = "the Mars-GRAM density (`air.density_profile`)"
-VARIANCE = "the variance of Mars-GRAM samples (`air.variance_profile`)"
-DEADBAND = "the deadband of Fig. 5 (`guidance.deadband_times`, `guidance.deadband_widths`)"
-PARTITION = "the partition of the control (`design.partition_interval`)"
-FORM = "what the Apollo law feeds back (`design.apollo_form`)"
-ADJOINT = "what its adjoint for the fixed time aims at (`design.apollo_time_adjoint`)"
-COVARIANCE = "the linear covariance of the Apollo law (`design.apollo_covariance`)"
-SIGNS = "the signs of the aerodynamic errors (`vehicle.lift_dispersion`, `vehicle.drag_dispersion`)"
-RANGE_SIGN = "the sign of the range error (`mission.positive_range_error`)"
+DEADBAND = "deadband_start deadband_end deadband_start_width deadband_end_width"  # choices of Fig. 5
 
 
 class Flights(dict):
@@ -79,16 +65,6 @@ def tails(mission: Mission, flights: Flights) -> Tails:
     """Percentiles of all trials."""
     short = mission.positive_range_error == "short"
     return Tails({case: _Percentiles(ensemble, None, short) for case, ensemble in flights.items()})
-
-
-class ComparedTails(Tails):
-    """Those of as many trials as all readings have, so that readings can be compared."""
-
-
-def compared_tails(mission: Mission, simulation: Simulation, flights: Flights) -> ComparedTails:
-    """Percentiles of the first trials."""
-    short = mission.positive_range_error == "short"
-    return ComparedTails({case: _Percentiles(of, simulation.compared_trials, short) for case, of in flights.items()})
 
 
 class _Percentiles(dict):
@@ -183,59 +159,6 @@ def ratio_of(stochastic: tuple, apollo: tuple, side: int) -> tuple[float, float]
     ratio = values[side] / apollo_values[side]
     error = abs(ratio) * float(np.hypot(deviations[side] / values[side], apollo_deviations[side] / apollo_values[side]))
     return ratio, error
-
-
-def halving(ratio: float, error: float, tolerance: float) -> str:
-    """Whether a ratio with a standard error is about one half: "yes", "no", or "undetermined" for want of trials."""
-    distance = abs(ratio - 0.5)
-    if error > 0.0 and abs(distance - tolerance) <= SIGMAS * error:
-        return "undetermined"
-    return "yes" if distance <= tolerance * (1.0 + ROUNDING) else "no"
-
-
-# Cells of Table 4 that the trigger does not fix: case and row.
-CELLS_OF_TABLE_4 = [(case, row) for case in CASES for row in ROWS if not (row[0] == VELOCITY and "velocity" in case)]
-
-
-def reproduced_cells(published: dict, tails: dict, trials: dict[str, int]) -> int:
-    """How many cells of Table 4 are reproduced, of those that the trigger does not fix.
-
-    published: the printed claims by id. tails: by case, as of `final_percentiles`. trials: of them, by case.
-    """
-    count = 0
-    for case, (state, name, factor, _) in CELLS_OF_TABLE_4:
-        values, deviations = tails[case][state]
-        evaluation = Evaluation(values * factor, deviations * factor, trials[case])
-        count += judge(published[f"tab4_{name}_{case}"], evaluation).verdict == "reproduced"
-    return count
-
-
-class Combination(NamedTuple):
-    """One combination of choices that the paper leaves open, and the flights' percentiles under it."""
-
-    choices: tuple[str, str, float, str]  # what Apollo feeds back, its adjoint's aim, partition (s), aerodynamic errors
-    tails: dict  # by case, as of `final_percentiles`
-
-
-def combined(combinations: Combinations) -> list[Combination]:
-    """All combinations of the study."""
-    names = (
-        combinations.apollo_form,
-        combinations.apollo_time_adjoint,
-        combinations.partition_interval,
-        combinations.aerodynamic_errors,
-    )
-    result = []
-    for i, j, n, signs in np.ndindex(*map(len, names)):
-        apollo = combinations.apollo[i, j, signs], combinations.apollo_error[i, j, signs]
-        stochastic = combinations.stochastic[n, signs], combinations.stochastic_error[n, signs]
-        tails = {}
-        for law, (values, deviations) in zip(LAWS, (apollo, stochastic), strict=True):
-            for trigger, of, error in zip(TRIGGERS, values, deviations, strict=True):
-                tails[f"{law}_{trigger}"] = {row[0]: (of[row[0]], error[row[0]]) for row in ROWS}
-        form, adjoint, interval, errors = (of[k] for of, k in zip(names, (i, j, n, signs), strict=True))
-        result.append(Combination((str(form), str(adjoint), float(interval), str(errors)), tails))
-    return result
 
 
 def outcomes(ensemble: FlightEnsemble) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.stochastic_entry.claims.measures import FEASIBLE, PARTITION, Corrections, correlation_of
+from marsedl.papers.stochastic_entry.claims.measures import FEASIBLE, Corrections, correlation_of
 from marsedl.papers.stochastic_entry.inputs import Design, Guidance
 from marsedl.papers.stochastic_entry.records import (
     DENSITY,
@@ -69,7 +69,6 @@ def theorem_lqg(gains: Gains, certificates: Certificates):
 
 @claim(
     "The paper's search depends on its start: {astray} of {runs} runs go astray.",
-    withheld="the start of the search",
     counterexample=scaled("certificates.search_ratio"),
 )
 def corollary_lqg(gains: Gains, certificates: Certificates):
@@ -102,7 +101,7 @@ def decision_dimension_weights(gains: Gains):
 
 @claim(
     "Three sigma are {largest:.1f} % of the control limit, with `partition_24` {partition_24.largest:.0f} %.",
-    withheld=PARTITION,
+    choices="partition",
     counterexample=shifted("gains.stochastic_control_variance"),
 )
 def lqg_no_feedback_low_q(guidance: Guidance, design: Design, corrections: Corrections):

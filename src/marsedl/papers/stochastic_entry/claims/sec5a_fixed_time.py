@@ -4,16 +4,11 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.chance import chance_factor
 from marsedl.papers.stochastic_entry.claims.measures import (
-    ADJOINT,
-    COVARIANCE,
     DEADBAND,
-    DENSITY,
     FEASIBLE,
     HISTORY,
     LAW_NAMES,
     LAWS,
-    PARTITION,
-    SIGNS,
     Corrections,
     Dispersions,
     Flights,
@@ -58,7 +53,7 @@ def direction(*, state):
 @claim(
     "It costs next to nothing: its multiplier is {multiplier:.1g}, with `partition_24` {partition_24.multiplier:.2g}.",
     errata="E12",
-    withheld=PARTITION,
+    choices="partition",
     counterexample=scaled("gains.stochastic_covariance", at=(0, -1, ALTITUDE, ALTITUDE)),
 )
 def fig9_altitude_active(gains: Gains):
@@ -69,7 +64,7 @@ def fig9_altitude_active(gains: Gains):
 @claim(
     "Noise alone makes the {at_limit:.0f} m at the printed limit: nothing is left to trade.",
     errata="E12",
-    withheld=PARTITION,
+    choices="partition",
     counterexample=scaled("tradeoff.deviation", at=(0, -1)),
 )
 def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
@@ -98,7 +93,7 @@ def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
 @claim(
     "As flown, against velocity, they are {distance:.0f} % apart, with gains against time {timed:.0f} %.",
     errata="E14 E15",
-    withheld=(COVARIANCE, ADJOINT),
+    choices="apollo_covariance apollo_time_adjoint",
     counterexample=scaled("gains.apollo_control_variance", at=1),
 )
 def fig8_apollo_similar(corrections: Corrections):
@@ -135,7 +130,7 @@ def fig8_apollo_leaves(corrections: Corrections):
 @claim(
     "With `partition_24` three sigma are {partition_24.early:.2f} from entry on.",
     errata="E12",
-    withheld=PARTITION,
+    choices="partition",
     counterexample=shifted("gains.stochastic_control_variance"),
 )
 def fig8_silent_after_ei(design: Design, corrections: Corrections):
@@ -148,7 +143,7 @@ def fig8_silent_after_ei(design: Design, corrections: Corrections):
     """For the trigger it is {peak_share_velocity:.0f} % of the time, with `timed_covariance`
     {timed_covariance.peak_share_velocity:.0f} %.""",
     errata="E14 E15",
-    withheld=(COVARIANCE, DENSITY),
+    choices="apollo_covariance mean_density",
     counterexample=in_reading("timed_covariance"),
 )
 def fig8_more_aggressive(corrections: Corrections):
@@ -179,7 +174,7 @@ def fig9_large_deviations(
 
 @claim(
     "The linear bound is largest at {value:.0f} s, that of the flights at {of_trials:.0f} s.",
-    withheld=(DENSITY, DEADBAND),
+    choices=f"mean_density {DEADBAND}",
     close=Tolerance(reason="the text says around, of a flat maximum in a figure", absolute=10.0),
     counterexample=scaled("gains.stochastic_covariance", at=(0, slice(150, None), DOWNRANGE, DOWNRANGE)),
 )
@@ -210,7 +205,7 @@ def fig9_lc_close(flights: Flights, dispersions: Dispersions):
 @claim(
     "Relative to the prediction the final range is worse: {end_ratio:.1f} times it.",
     errata="E22",
-    withheld=DEADBAND,
+    choices=DEADBAND,
     counterexample=scaled("gains.stochastic_covariance", at=(0, slice(None), DOWNRANGE, DOWNRANGE)),
 )
 def fig9_lc_worst_gamma(flights: Flights, dispersions: Dispersions):
@@ -246,7 +241,7 @@ def lateral_dispersion_increases(flights: Flights, dispersions: Dispersions):
     """Left are {remaining:.0f} %, with the velocity trigger {remaining_velocity:.1f}, with `same_sign`
     {same_sign.remaining:.0f} %.""",
     errata="E5 E8",
-    withheld=(DEADBAND, DENSITY, SIGNS),
+    choices=f"{DEADBAND} mean_density aerodynamic_signs",
     counterexample=spread("stochastic_time.final_state", component="crossrange"),
 )
 def crossrange_nulled(flights: Flights):

@@ -5,22 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.papers.stochastic_entry.claims.measures import (
-    ADJOINT,
-    COVARIANCE,
     DEADBAND,
-    DENSITY,
-    FORM,
     LAW_NAMES,
     LAWS,
-    PARTITION,
-    RANGE_SIGN,
     ROWS,
-    SIGNS,
-    ComparedTails,
     Flights,
     Predicted,
     Tails,
-    combined,
     correlation_of,
     finite_count,
     half_tolerance,
@@ -38,14 +29,12 @@ from marsedl.papers.stochastic_entry.records import (
     STATES,
     TRIGGERS,
     VELOCITY,
-    Combinations,
     Gains,
     Linearization,
 )
 from marsedl.replication.claims.claim import Tolerance
 from marsedl.replication.claims.counterexamples import in_reading, scaled, shifted, spread
 from marsedl.replication.claims.thresholds import ROUNDING, STRONG, VISIBLE, WEAK
-from marsedl.replication.claims.verdicts import Evaluation, judge
 from marsedl.replication.claims.writing import Fails, claim, holds, measure, measured
 
 
@@ -56,7 +45,7 @@ def trigger_nu():
 
 @claim(
     "The density of `corrected` is fitted to these numbers, that of `desensitized_density` is not.",
-    withheld=DENSITY,
+    choices="mean_density",
     close=Tolerance(
         reason="they follow from the mean density, which Mars-GRAM gives to some per cent by version, place and season",
         relative=0.05,
@@ -94,40 +83,17 @@ def adjoint_velocity(linearization: Linearization, gains: Gains):
     return measured(_preimage(linearization.trigger_projection, gains.adjoint[1, -1]))
 
 
-class Searched(dict):
-    """How many combinations of open choices the study flew, and how many of them give the headline."""
-
-
-def searched(published, combinations: Combinations | None = None) -> Searched:
-    """Count the combinations that halve the range with the trigger."""
-    if combinations is None:  # which only the reading of the study has
-        return Searched()
-    headline, verdicts = published["headline_range_reduction"], {}
-    for combination in combined(combinations):
-        form, _, interval, signs = combination.choices  # the adjoint for the fixed time changes nothing here
-        ranges = [combination.tails[f"{law}_velocity"][DOWNRANGE] for law in ("stochastic", "apollo")]
-        saved, error = (100 * part for part in reduction(*ranges))
-        verdicts[form, interval, signs] = judge(headline, Evaluation(saved, error, combinations.trials)).verdict
-    near = [choices for choices, verdict in verdicts.items() if verdict == "reproduced"]
-    return Searched(
-        tried=len(verdicts),
-        near=len(near),
-        near_blind=sum(form == "density_blind" for form, _, _ in near),
-        near_opposite=sum(signs == "opposite" for _, _, signs in near),
-    )
-
-
 _STATES = {"downrange": "downrange", "altitude": "altitude", "velocity": "velocity", "gamma": "flight_path_angle"}
 
 
-def _cell(row, case, reading="", errata="", withheld=()):
+def _cell(row, case, reading="", errata="", choices=""):
     """A cell of Table 4: its claim with the reading that moves it most, and what is changed until its verdict turns."""
     unit, digits = {"velocity": ("m/s", 1), "gamma": ("deg", 2)}.get(row, ("km", 2))
-    low, high = (f"{{{reading}.compared[{side}]:.{digits}f}}" for side in (0, 1))
+    low, high = (f"{{{reading}.value[{side}]:.{digits}f}}" for side in (0, 1))
     return claim(
-        f"With `{reading}` they are {low} / {high} {unit}, from equal numbers of flights." if reading else "",
+        f"With `{reading}` they are {low} / {high} {unit}." if reading else "",
         errata=errata,
-        withheld=withheld,
+        choices=choices,
         counterexample=spread(f"{case}.final_state", component=_STATES[row]),
         name=f"tab4_{row}_{case}",
         row=row,
@@ -135,21 +101,39 @@ def _cell(row, case, reading="", errata="", withheld=()):
     )
 
 
-@_cell("downrange", "apollo_time", "velocity_adjoint", "E14 E21", (ADJOINT, FORM, RANGE_SIGN, DEADBAND))
-@_cell("downrange", "apollo_velocity", "density_blind", "E8 E14 E21", (FORM, SIGNS, RANGE_SIGN, DENSITY, DEADBAND))
-@_cell("downrange", "stochastic_time", "partition_24", "E12", (PARTITION, DENSITY, RANGE_SIGN))
-@_cell("downrange", "stochastic_velocity", "same_sign", "E8 E21 E22", (SIGNS, RANGE_SIGN, DEADBAND, DENSITY))
-@_cell("altitude", "apollo_time", "velocity_adjoint", "E14", (ADJOINT, DENSITY, FORM))
-@_cell("altitude", "apollo_velocity", "density_blind", "E14", (FORM, DENSITY))
+@_cell(
+    "downrange",
+    "apollo_time",
+    "velocity_adjoint",
+    "E14 E21",
+    f"apollo_time_adjoint apollo_feedback range_sign {DEADBAND}",
+)
+@_cell(
+    "downrange",
+    "apollo_velocity",
+    "density_blind",
+    "E8 E14 E21",
+    f"apollo_feedback aerodynamic_signs range_sign mean_density {DEADBAND}",
+)
+@_cell("downrange", "stochastic_time", "partition_24", "E12", "partition mean_density range_sign")
+@_cell(
+    "downrange",
+    "stochastic_velocity",
+    "same_sign",
+    "E8 E21 E22",
+    f"aerodynamic_signs range_sign {DEADBAND} mean_density",
+)
+@_cell("altitude", "apollo_time", "velocity_adjoint", "E14", "apollo_time_adjoint mean_density apollo_feedback")
+@_cell("altitude", "apollo_velocity", "density_blind", "E14", "apollo_feedback mean_density")
 @_cell("altitude", "stochastic_time")
-@_cell("altitude", "stochastic_velocity", "same_sign", "E8", (SIGNS, DENSITY))
-@_cell("velocity", "apollo_time", "density_blind", "E14", (FORM, DENSITY))
-@_cell("velocity", "stochastic_time", "partition_20", "E12", (PARTITION, DENSITY))
-@_cell("gamma", "apollo_time", "velocity_adjoint", "E14", (FORM, ADJOINT, DENSITY))
-@_cell("gamma", "apollo_velocity", "density_blind", "E14", (FORM, DENSITY))
-@_cell("gamma", "stochastic_time", "partition_24", "E12", (PARTITION, DENSITY))
-@_cell("gamma", "stochastic_velocity", "same_sign", "E8 E22", (SIGNS, DENSITY, DEADBAND))
-def table_4(published, flights: Flights, tails: Tails, compared_tails: ComparedTails, *, row, case):
+@_cell("altitude", "stochastic_velocity", "same_sign", "E8", "aerodynamic_signs mean_density")
+@_cell("velocity", "apollo_time", "density_blind", "E14", "apollo_feedback mean_density")
+@_cell("velocity", "stochastic_time", "partition_20", "E12", "partition mean_density")
+@_cell("gamma", "apollo_time", "velocity_adjoint", "E14", "apollo_feedback apollo_time_adjoint mean_density")
+@_cell("gamma", "apollo_velocity", "density_blind", "E14", "apollo_feedback mean_density")
+@_cell("gamma", "stochastic_time", "partition_24", "E12", "partition mean_density")
+@_cell("gamma", "stochastic_velocity", "same_sign", "E8 E22", f"aerodynamic_signs mean_density {DEADBAND}")
+def table_4(published, flights: Flights, tails: Tails, *, row, case):
     state, name, factor, _ = ROWS[[of[1] for of in ROWS].index(row)]
     ensemble, (values, errors_of_values) = flights[case], tails[case][state]
     return measured(
@@ -157,7 +141,6 @@ def table_4(published, flights: Flights, tails: Tails, compared_tails: ComparedT
         errors_of_values * factor,
         finite_count(ensemble),
         outcomes(ensemble),
-        compared=compared_tails[case][state][0] * factor,
         printed_width=float(np.ptp(published[f"tab4_{name}_{case}"].printed)),
     )
 
@@ -198,35 +181,33 @@ def _fewest(flights):
 
 
 @claim(
-    "It depends on what the Apollo law feeds back: {density_blind.compared:.0f} % with `density_blind`.",
+    "It depends on what the Apollo law feeds back: {density_blind.value:.0f} % with `density_blind`.",
     errata="E8 E14",
-    withheld=(FORM, SIGNS, DENSITY, DEADBAND),
+    choices=f"apollo_feedback aerodynamic_signs mean_density {DEADBAND}",
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
 )
-def headline_range_reduction(flights: Flights, tails: Tails, compared_tails: ComparedTails, searched: Searched):
-    def saved(of, trigger):
-        return reduction(*(of[f"{law}_{trigger}"][DOWNRANGE] for law in ("stochastic", "apollo")))
+def headline_range_reduction(flights: Flights, tails: Tails):
+    def saved(trigger):
+        return reduction(*(tails[f"{law}_{trigger}"][DOWNRANGE] for law in ("stochastic", "apollo")))
 
-    value, error = (100 * part for part in saved(tails, "velocity"))
-    value_time, error_time = (100 * part for part in saved(tails, "time"))
+    value, error = (100 * part for part in saved("velocity"))
+    value_time, error_time = (100 * part for part in saved("time"))
     return measured(
         value,
         error,
         _fewest(flights),
         f"with the fixed time {value_time:.1f} ± {error_time:.1f} %",
         remaining=100 - value,
-        compared=100 * saved(compared_tails, "velocity")[0],
         **{f"{case}_width": width(tails[case][DOWNRANGE])[0] / 1e3 for case in CASES},
-        **searched,
     )
 
 
 def _halved(name, side, errata):
     """One of the two percentiles: its claim."""
     return claim(
-        "It is {compared:.2f}, the paper's {printed_ratio:.2f}, with `density_blind` {density_blind.compared:.2f}.",
+        "It is {ratio:.2f}, the paper's {printed_ratio:.2f}, with `density_blind` {density_blind.ratio:.2f}.",
         errata=errata,
-        withheld=(FORM, SIGNS, DENSITY, DEADBAND),
+        choices=f"apollo_feedback aerodynamic_signs mean_density {DEADBAND}",
         counterexample=spread("stochastic_velocity.final_state", component="downrange"),
         name=name,
         side=side,
@@ -235,17 +216,15 @@ def _halved(name, side, errata):
 
 @_halved("halved_velocity_p1", 0, "E8 E14")
 @_halved("halved_velocity_p99", 1, "E8 E14 E22")
-def halved_velocity(published, tails: TriggerTails, compared_tails: ComparedTails, *, side):
+def halved_velocity(published, tails: TriggerTails, *, side):
     ratio, error = ratio_of(tails.stochastic, tails.apollo, side)
     printed = [published[f"tab4_downrange_{law}_velocity"].printed[side] for law in LAWS]
-    compared = ratio_of(*(compared_tails[f"{law}_velocity"][DOWNRANGE] for law in reversed(LAWS)), side)
     return holds(
         # What the paper calls about half is its own threshold: the further of its two ratios from one half.
         measure("distance of the ratio of the percentiles from one half", abs(ratio - 0.5), error=error)
         <= half_tolerance(published) * (1.0 + ROUNDING),
         trials=tails.trials,
         ratio=ratio,
-        compared=compared[0],
         printed_ratio=printed[1] / printed[0],
     )
 
@@ -253,7 +232,7 @@ def halved_velocity(published, tails: TriggerTails, compared_tails: ComparedTail
 @claim(
     "The interval changes by {change:+.0f} %, with `velocity_adjoint` by {velocity_adjoint.change:+.0f} %.",
     errata="E8 E14",
-    withheld=(ADJOINT, SIGNS, DENSITY, FORM),
+    choices="apollo_time_adjoint aerodynamic_signs mean_density apollo_feedback",
     counterexample=spread("apollo_velocity.final_state", component="downrange"),
     name="velocity_trigger_helps_apollo",
     law="apollo",
@@ -261,7 +240,7 @@ def halved_velocity(published, tails: TriggerTails, compared_tails: ComparedTail
 @claim(
     "The interval changes by {change:+.0f} %, with `partition_24` by {partition_24.change:+.0f} %.",
     errata="E12",
-    withheld=(PARTITION, DENSITY),
+    choices="partition mean_density",
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
     name="velocity_trigger_helps_stochastic",
     law="stochastic",
@@ -288,7 +267,7 @@ def velocity_trigger_ends_at_velocity(mission: Mission, flights: Flights):
 @claim(
     "The interval changes by {change:+.0f} %, with `density_blind` by {density_blind.change:+.0f} %.",
     errata="E8 E14",
-    withheld=(FORM, SIGNS, DENSITY, DEADBAND),
+    choices=f"apollo_feedback aerodynamic_signs mean_density {DEADBAND}",
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
 )
 def improvement_visible_velocity(tails: TriggerTails):
@@ -327,7 +306,7 @@ def _sampled(flights, law):
 @claim(
     "With `timed_covariance` the correlation is {timed:+.2f}; the flights have {sampled:+.2f}.",
     errata="E15",
-    withheld=COVARIANCE,
+    choices="apollo_covariance",
     counterexample=in_reading("timed_covariance"),
 )
 def fig13_apollo_negative(gains: Gains, flights: Flights, final: FinalCovariances):
@@ -346,7 +325,7 @@ def fig13_apollo_negative(gains: Gains, flights: Flights, final: FinalCovariance
 @claim(
     "With `timed_covariance` the trigger's adjoint changes the correlation by {timed_covariance.change:+.2f}.",
     errata="E15",
-    withheld=COVARIANCE,
+    choices="apollo_covariance",
     counterexample=scaled("gains.apollo_covariance", at=(1, -1, DOWNRANGE, VELOCITY)),
 )
 def fig13_apollo_more_negative(final: FinalCovariances):
@@ -364,7 +343,7 @@ def fig13_stochastic_time_variance(final: FinalCovariances):
 @claim(
     "With `partition_24` the correlation is {partition_24.correlation:+.2f}.",
     errata="E12",
-    withheld=PARTITION,
+    choices="partition",
     counterexample=scaled("gains.stochastic_covariance", at=(0, -1, DOWNRANGE, VELOCITY)),
 )
 def fig13_stochastic_time_uncorrelated(flights: Flights, final: FinalCovariances):
