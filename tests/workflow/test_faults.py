@@ -26,6 +26,11 @@ LOST += [FIGURE, f"figures/{GLIDE}/touchdown.csv"]
 # ---------------------------------------------------------------------------------------------------------- artifacts
 
 
+def test_papers_may_have_other_numbers_of_headlines(small):
+    drawn = {name for name in small.plan("report/claims.json").files if "/universes/headline" in name}
+    assert drawn == {f"figures/{HOP}/universes/headline_1_{kind}.png" for kind in ("values", "choices")}
+
+
 def test_damaged_and_malformed_files_are_refused_in_one_run_and_a_lost_one_is_made_alone(small):
     digests = small.digests()
     gains = small.path(f"{CACHE}/gains.h5")

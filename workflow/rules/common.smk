@@ -148,7 +148,10 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 
 # --- universes
 
-UNIVERSE_PICTURES = universe_pictures(len(read_yaml(ROOT / f"data/published/{SLUGS[0]}.yaml").get("headline", ())))
+# Pictures of the universes of each paper, which has so many headlines.
+UNIVERSE_PICTURES = {
+    slug: universe_pictures(len(read_yaml(ROOT / f"data/published/{slug}.yaml").get("headline", ()))) for slug in SLUGS
+}
 
 
 def universe_chunks(folder, suffix):

@@ -65,23 +65,30 @@ rule waves:
         "../scripts/waves.py"
 
 
-rule what_decides:
-    input:
-        unpack(inputs("report/universes/{paper}.json")),
-        table="report/universes/{paper}.h5",
-    output:
-        standings="report/universes/{paper}.json",
-        judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
-        effects=expand("figures/{{paper}}/universes/effects.{suffix}", suffix=("csv", "md")),
-        pictures=[f"figures/{{paper}}/{picture}.png" for picture in UNIVERSE_PICTURES],
-    log:
-        "logs/{paper}/what_decides.log",
-    benchmark:
-        "benchmarks/{paper}/what_decides.tsv"
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=made("report/universes/{paper}.json"),
-        project=source("."),
-    script:
-        "../scripts/what_decides.py"
+# A rule for each paper: its pictures are as many as its headlines.
+for _paper in PAPERS:
+
+    rule:
+        name:
+            f"{_paper}_what_decides"
+        input:
+            unpack(inputs("report/universes/{paper}.json")),
+            table="report/universes/{paper}.h5",
+        output:
+            standings="report/universes/{paper}.json",
+            judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
+            effects=expand("figures/{{paper}}/universes/effects.{suffix}", suffix=("csv", "md")),
+            pictures=[f"figures/{{paper}}/{picture}.png" for picture in UNIVERSE_PICTURES[_paper]],
+        log:
+            "logs/{paper}/what_decides.log",
+        benchmark:
+            "benchmarks/{paper}/what_decides.tsv"
+        wildcard_constraints:
+            paper=_paper,
+        conda:
+            "../envs/marsedl.yaml"
+        params:
+            made=made("report/universes/{paper}.json"),
+            project=source("."),
+        script:
+            "../scripts/what_decides.py"
