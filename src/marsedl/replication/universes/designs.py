@@ -16,6 +16,8 @@ ONE_AT_A_TIME, SPACE_FILLING, WAVE = "one_at_a_time", "space_filling", "wave"
 DESIGNS = (ONE_AT_A_TIME, SPACE_FILLING, WAVE)
 SEED = 20261127  # of the scrambling; any number serves
 RANGE_POINTS = (0.0, 0.5, 1.0)  # of a range, in a design of one at a time
+FIRST = 1000  # number of the first universe of the space-filling design
+AGAIN = 1_000_000  # added to the number of one that is computed again with other random numbers
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,6 @@ def values_of(choice: Choice) -> list:
     if choice.range is None:
         return list(choice.alternatives)
     return [choice.range.at(share) for share in RANGE_POINTS]
-
-
-FIRST = 1000  # number of the first universe of the space-filling design
-AGAIN = 1_000_000  # added to the number of one that is computed again with other random numbers
 
 
 def numbered(choices: Choices, number: int) -> Universe:

@@ -7,7 +7,7 @@ kept with the class of its failure and a sentence; it never counts as a verdict.
 import contextlib
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation, judge
-from marsedl.replication.claims.writing import Claims, claims_of
+from marsedl.replication.claims.writing import Claims, claims_of, evaluate
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
@@ -153,7 +153,7 @@ class Evaluator:
         """
         inputs = self.study.readings[name].inputs
         run = Run.of(self.paper, inputs, self.memory, self._unclaimed(name))
-        found = self.claims.evaluate(run.given(), self.published, (Missing, SolverError), **self.further)
+        found = evaluate(run, self.published, **self.further)
         self.memory.let_go()
         return found
 
@@ -261,12 +261,15 @@ def size_of_change(before: tuple[float, float, float], after: tuple[float, float
 
 def tabulated(evaluator: Evaluator, universes: Sequence[Universe], title: str = "") -> Universes:
     """Compute universes and return their table; with a title, every tenth is told on standard error."""
-    rows = []
-    for universe in universes:
-        rows.append(evaluator.row(universe))
-        if title and len(rows) % 10 == 0:
-            print(f"{title}: {len(rows)} of {len(universes)} universes", file=sys.stderr)
-    return table_of(evaluator, rows)
+    return table_of(evaluator, list(_rows(evaluator, universes, title)))
+
+
+def _rows(evaluator: Evaluator, universes: Sequence[Universe], title: str) -> Iterator[Row]:
+    """Compute universes one after the other."""
+    for count, universe in enumerate(universes, start=1):
+        yield evaluator.row(universe)
+        if title and count % 10 == 0:
+            print(f"{title}: {count} of {len(universes)} universes", file=sys.stderr)
 
 
 def chunk_of(
@@ -281,10 +284,8 @@ def chunk_of(
     beside = {name: next((k for k, u in enumerate(universes) if u.assignment == points[name]), None) for name in points}
     others = [name for name in points if beside[name] is None][chunk::chunks]
     rows = []
-    for universe in own:
-        rows.append(evaluator.row(universe))
-        if len(rows) % 10 == 0:
-            print(f"{title}: {len(rows)} of {len(own)} universes", file=sys.stderr)
+    for universe, row in zip(own, _rows(evaluator, own, title), strict=True):
+        rows.append(row)
         found |= {n: evaluator.point(n) for n, k in beside.items() if k is not None and universes[k] is universe}
     found |= {name: evaluator.point(name) for name in others}
     return table_of(evaluator, rows), found
