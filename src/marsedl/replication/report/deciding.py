@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim
-from marsedl.replication.claims.numbers import flatten
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choice
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.universes.judging import Effect, Judge
+from marsedl.replication.universes.table import components_of
 
 # What an erratum changes, from most to least.
 NO_RESULT = "no_result"  # a headline claim has no result
@@ -133,16 +133,12 @@ class Deciding:
         for row in sorted(judged, key=lambda row: row.is_statement):
             one = self.judge.judged(row.id)
             if math.isfinite(one.number) and math.isfinite(one.printed):
-                place = next(place for place in flatten(row.printed) if self._label(row, place) == one.component)
+                place = dict(components_of(self.judge.published[row.id]))[one.component]
                 unit = row.result.margin.unit if row.is_statement and row.result.margin else row.unit_of(place)
                 effects = [e for e in one.effects if e.cause == "result" and math.isfinite(e.difference)]
                 effects.sort(key=lambda effect: -abs(effect.difference))
                 return Number(row, one.number, one.error, one.printed, unit, effects)
         return None
-
-    @staticmethod
-    def _label(row: Claim, place: tuple[int, ...]) -> str:
-        return row.id if row.is_statement else row.id + "".join(f"[{index + 1}]" for index in place)
 
     def open(self) -> list[Open]:
         """Return what the paper leaves open, first what most refuted claims name."""

@@ -46,10 +46,9 @@ class Joint(NamedTuple):
 def joint(judge: Judge) -> Joint:
     """Return what the universes of a table say of all headlines together."""
     matching = Matching(judge.choices, list(judge.published.values()))
-    names = [one.id for one in matching.headlines if one.id in judge.table.claim]
-    names = [
-        name for name in names if (judge.table.verdict[:, judge.claim_place(name)] != VERDICTS.index("none")).any()
-    ]
+    verdicts = zip(judge.table.claim, judge.table.verdict.T, strict=True)
+    decided = [str(name) for name, codes in verdicts if codes.any()]  # code 0 is "none"
+    names = [one.id for one in matching.headlines if one.id in decided]
     waves = matching.waves(judge.table)
     return Joint(waves, _best(judge, names), never_together(judge, names), halves(judge))
 
