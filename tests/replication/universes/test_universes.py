@@ -11,7 +11,7 @@ import pytest
 from marsedl.replication.checks.universes import accept_universes, changed, compare_universes
 from marsedl.replication.claims.claim import Claim, Result
 from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.errors import InputError
+from marsedl.replication.errors import InfeasibleError, InputError
 from marsedl.replication.inputs.choices import of_written
 from marsedl.replication.inputs.messages import Place, checked
 from marsedl.replication.inputs.sections import Inputs, Number, Section, given
@@ -20,10 +20,10 @@ from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
 from marsedl.replication.report.deciding import Deciding
-from marsedl.replication.universes.designs import Universe, one_at_a_time, space_filling
+from marsedl.replication.universes.designs import Universe, one_at_a_time, redrawn, space_filling
 from marsedl.replication.universes.joint import answer, joint
 from marsedl.replication.universes.judging import Judge, cause_of, correlation_ratio, wilson
-from marsedl.replication.universes.table import Outcome, Row, gathered, table_of
+from marsedl.replication.universes.table import Outcome, Row, class_of, gathered, table_of
 from marsedl.replication.universes.waves import Matching, emulated
 
 
@@ -290,6 +290,30 @@ def test_an_emulator_is_exact_where_the_answer_is_linear():
     values = features @ [1.0, 2.0, -3.0, 0.5]
     predicted, error = emulated(features, values, features[:5])
     assert predicted == pytest.approx(values[:5], abs=1e-3) and error < 1e-3
+
+
+def test_a_fault_of_the_machine_is_no_outcome_of_a_universe():
+    assert class_of(InfeasibleError("there is no law", {})).cause == "infeasible"
+    assert class_of(ZeroDivisionError("by zero")).cause == "numerical"
+    for error in (OSError(28, "No space left on device"), MemoryError()):
+        with pytest.raises(type(error)):
+            class_of(error)
+
+
+def test_a_universe_that_is_computed_again_has_the_same_choices():
+    first = Universe(1003, "space_filling", {"angle": "printed"})
+    again = replace(first, number=1_000_000 + first.number, seed=1)
+    for attempt in (1, 2):
+        drawn = redrawn(CHOICES, first, ["slope"], attempt).assignment
+        assert drawn == redrawn(CHOICES, again, ["slope"], attempt).assignment
+        assert set(drawn) == {"slope", "angle"}
+
+
+def test_the_papers_own_sampling_error_counts_by_our_trials():
+    claim = PublishedClaim(**NUMBER | {"kind": "monte_carlo"}, id="line", printed=0.8, headline=1, trials=1000)
+    noisy = replace(table(space_filling(CHOICES, 2)), error=np.full((2, 5), 0.01), trials=np.array([[3000] * 5] * 2))
+    (_, deviation) = Matching(CHOICES, [claim]).measured(noisy)["line"]
+    assert deviation == pytest.approx(math.hypot(0.01 * math.sqrt(1 + 3000 / 1000), 0.05 / 3)), "3,000 of ours"
 
 
 def test_a_longer_design_begins_with_the_shorter_one():

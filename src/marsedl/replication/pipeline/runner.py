@@ -82,6 +82,8 @@ class Memory:
             try:
                 record = self._record(run, name, key)
                 self._records[key] = record, store.content_digest(record)
+            except (OSError, MemoryError):  # of the machine, which another run may not meet
+                raise
             except Exception as error:  # which another run would meet again
                 self._records[key] = error
         if isinstance(remembered := self._records[key], Exception):

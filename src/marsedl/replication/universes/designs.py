@@ -135,8 +135,11 @@ def interval_of(shares, count: int):
 
 
 def redrawn(choices: Choices, universe: Universe, names: Sequence[str], attempt: int) -> Universe:
-    """Return a universe with some of its choices drawn again; the draws depend on its number and the attempt alone."""
-    key = np.array([universe.number, attempt], dtype=np.uint64)
+    """Return a universe with some of its choices drawn again; the draws depend on its number and the attempt alone.
+
+    With other random numbers it keeps its choices.
+    """
+    key = np.array([universe.number % AGAIN, attempt], dtype=np.uint64)
     shares = np.random.Generator(np.random.Philox(key=key)).random(len(names))
     drawn = assignment_at(choices, [choices.by_name[name] for name in names], shares)
     kept = {name: value for name, value in universe.assignment.items() if name not in names}

@@ -184,14 +184,14 @@ class Judge:
         on = self._depends_on(stands, effects, (*indices, *of_verdict))
         every = filled | self._in(ONE_AT_A_TIME)
         causes, counts = np.unique(self.table.cause[every, at], return_counts=True)
-        alike = len({bool(x) for x in stands[every & decided]}) <= 1
+        overall = self._stands(stands[every & decided])
         return Judged(
             claim,
             component,
             verdicts[self.base],
             *self._numbers(place),
-            self._stands(stands[every & decided]),
-            () if alike else on,
+            overall,
+            on if overall == DEPENDS else (),
             effects,
             wilson(int(stands[filled].sum()), int(filled.sum())),
             wilson(int(stands[filled & has_result].sum()), int((filled & has_result).sum())),

@@ -7,7 +7,7 @@ kept with the class of its failure and a sentence; it never counts as a verdict.
 import contextlib
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -59,6 +59,7 @@ class Universes:
     claim: np.ndarray = quantity("1", ("claim",), "ids of the claims", str)
     verdict: np.ndarray = quantity("1", ("universe", "claim"), "place of the verdict in `VERDICTS`", "int8")
     cause: np.ndarray = quantity("1", ("universe", "claim"), "place in `CAUSES` of why there is no verdict", "int8")
+    trials: np.ndarray = quantity("1", ("universe", "claim"), "number of trials behind the claim; 0: none", int)
     component: np.ndarray = quantity("1", ("component",), "claim and component, as in tab4_p99[1]", str)
     value: np.ndarray = quantity(
         "1",
@@ -80,6 +81,7 @@ class Outcome:
     verdict: str = "none"
     numbers: Mapping[tuple[int, ...], tuple[float, float, float]] | None = None  # value, error and limit by component
     sentence: str = ""
+    trials: int = 0
 
 
 class Evaluator:
@@ -190,7 +192,8 @@ class Evaluator:
             return class_of(error)
         if result.verdict is None:
             return Outcome("not_asked")
-        return Outcome("result", result.verdict, numbers_of(printed, evaluation, result))
+        numbers = numbers_of(printed, evaluation, result)
+        return Outcome("result", result.verdict, numbers, trials=result.trials or 0)
 
 
 class Row(NamedTuple):
@@ -202,7 +205,9 @@ class Row(NamedTuple):
 
 
 def class_of(error: Exception) -> Outcome:
-    """Return the outcome of what a universe, or a stage, raises."""
+    """Return the outcome of what a universe, or a stage, raises; raises again what is a fault of the machine."""
+    if isinstance(error, OSError | MemoryError):
+        raise error
     classes = {
         InadmissibleError: "inadmissible",
         InfeasibleError: "infeasible",
@@ -301,9 +306,9 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
             if (found := row.outcomes[name].numbers) and index in found:
                 numbers[:, at, place] = _finite(found[index])
 
-    def codes(names: Sequence[str], what: str) -> np.ndarray:
-        found = [[names.index(getattr(row.outcomes[name], what)) for name in asked] for row in rows]
-        return np.array(found, dtype=np.int8).reshape(len(rows), len(asked))
+    def of_claims(read: Callable[[Outcome], int], kind: type) -> np.ndarray:
+        found = [[read(row.outcomes[name]) for name in asked] for row in rows]
+        return np.array(found, dtype=kind).reshape(len(rows), len(asked))
 
     return Universes(
         number=np.array([row.universe.number for row in rows], dtype=np.int64),
@@ -315,8 +320,9 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
         sentence=np.array([_sentence(row.outcomes) for row in rows], dtype=str),
         choice=np.array([choice.name for choice in choices], dtype=str),
         claim=np.array(asked, dtype=str),
-        verdict=codes(VERDICTS, "verdict"),
-        cause=codes(CAUSES, "cause"),
+        verdict=of_claims(lambda one: VERDICTS.index(one.verdict), np.int8),
+        cause=of_claims(lambda one: CAUSES.index(one.cause), np.int8),
+        trials=of_claims(lambda one: one.trials, np.int64),
         component=np.array([label for _, label, _ in components], dtype=str),
         value=numbers[0],
         error=numbers[1],

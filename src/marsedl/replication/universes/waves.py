@@ -94,15 +94,10 @@ class Matching:
                 if claim.kind == "qualitative":  # positive where the statement fails
                     distance = np.where(np.isin(verdicts, REFUTED_VERDICTS), 1.0, -1.0) * np.abs(distance)
                     distance = np.where(verdicts == "none", np.nan, distance)
-                elif claim.kind == "monte_carlo":
-                    deviation = deviation * self.paper_factor(claim)
+                elif claim.trials:  # the paper's own sampling error, at the spread of ours
+                    deviation = deviation * np.sqrt(1.0 + table.trials[:, places[0]] / claim.trials)
                 found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
-
-    @staticmethod
-    def paper_factor(claim: PublishedClaim, trials: float = 2000.0) -> float:
-        """Return by how much the paper's own sampling error makes ours larger; trials: of a universe."""
-        return math.sqrt(1.0 + trials / claim.trials) if claim.trials else 1.0
 
     def implausibility(self, table: Universes) -> np.ndarray:
         """Return the largest standardized distance of a headline in each universe; NaN without all results."""
