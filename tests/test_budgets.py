@@ -11,13 +11,13 @@ from marsedl.papers import SLUGS
 
 ROOT = Path(__file__).parents[1]
 LINES = {
-    "src/marsedl": 48_435,
-    "src/marsedl/papers": 22_369,
+    "src/marsedl": 48_432,
+    "src/marsedl/papers": 22_366,
     "src/marsedl/methods": 9_821,  # a path over a weight may leave its branch without trying again
     "src/marsedl/models": 2_238,
     "src/marsedl/montecarlo": 1_740,
     "src/marsedl/replication": 9_433,
-    "tests": 35_250,
+    "tests": 35_281,  # what a universe is that is computed again, or that the machine ends
 }
 MEAN_LINES = {"claims/*.py": 11.3, "tables.py": 26.5, "figures.py": 23.1}  # of a claim, a table, a figure
 JOBS = 213  # of `snakemake all`

@@ -25,8 +25,7 @@ def compute(
     gains: Gains,
 ) -> CoarseFunnels:
     """Funnels by samples, by multipliers, backwards and back again."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     design = samples(recursion)
     spacing = environment.spacing_of(loop, studies.coarse_stages)
     steps = environment.slices(loop, spacing)

@@ -170,6 +170,11 @@ def spacing_of(loop: ClosedLoop, stages):
     return min(divisors, key=lambda number: abs(np.log(loop.steps / number / stages)))
 
 
+def disturbed_loop(planet: Planet, vehicle: Vehicle, uncertainty: Uncertainty, linearization, gain):
+    """The closed loop in the disturbed air, see `closed_loop`."""
+    return closed_loop(planet, vehicle, disturbed_air(planet, uncertainty), linearization, gain)
+
+
 def closed_loop(planet: Planet, vehicle: Vehicle, air: Air, linearization, gain):
     """The closed loop around the reference.
 

@@ -23,8 +23,7 @@ def compute(
     funnel: Funnel,
 ) -> EulerStep:
     """Bound every stage of the funnel by the Euler step, which differs by terms of second order in its length."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     design, spacing = samples(recursion), recursion.steps_per_slice
     of_motion = recursion.condition == "flow" and recursion.sampling != "raw"
     of_motion = of_motion and not (recursion.inflated or uncertainty.additive)

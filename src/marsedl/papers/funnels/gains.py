@@ -39,8 +39,7 @@ def compute(
     initial_set = environment.initial_set(environment.initial_semi_axes(planet, uncertainty))
     shape = regulator.values
     if recursion.shape != "value_matrix":
-        air = environment.disturbed_air(planet, uncertainty)
-        loop = environment.closed_loop(planet, vehicle, air, linearization, half_gain)
+        loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, half_gain)
         transitions, responses, _ = slice_jacobians(loop, np.arange(len(linearization.time)))
         if recursion.shape == "minimum_trace":
             shape = minkowski_shape(transitions, responses, initial_set, scale)

@@ -27,8 +27,7 @@ def compute(
     gains: Gains,
 ) -> LinearBounds:
     """Propagate everything that follows from the Jacobians."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     steps = environment.slices(loop, recursion.steps_per_slice)
     transitions, responses, _ = slice_jacobians(loop, np.arange(len(loop.time)))
     across, pushed = between_slices(transitions, responses, steps)

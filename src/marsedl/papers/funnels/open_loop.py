@@ -24,9 +24,8 @@ def compute(
     gains: Gains,
 ) -> OpenLoop:
     """Fly the starts and disturbances of the case "constant" without feedback, and take linear motion both ways."""
-    air = environment.disturbed_air(planet, uncertainty)
     loops = [
-        environment.closed_loop(planet, vehicle, air, linearization, half_gain)
+        environment.disturbed_loop(planet, vehicle, uncertainty, linearization, half_gain)
         for half_gain in (np.zeros_like(gains.half_gain), gains.half_gain)
     ]
     setting = flight.Setting(

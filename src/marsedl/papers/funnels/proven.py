@@ -26,8 +26,7 @@ def compute(
     gains: Gains,
 ) -> Proven:
     """Propagate the level from the initial set by proven bounds, until the end or until one does not exist."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     design = well_chosen_design(covering_spheres(loop), recursion.design_seed, BASIS_DEGREE)
     steps = environment.slices(loop, recursion.steps_per_slice)
     if uncertainty.additive:

@@ -42,8 +42,7 @@ def compute(
     gains: Gains,
 ) -> StageStudy:
     """Study the stage of the configuration."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     design = samples(recursion)
     spacing = recursion.steps_per_slice
     number = environment.slice_at(loop, spacing, studies.benchmark_slice)

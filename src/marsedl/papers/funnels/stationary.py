@@ -34,8 +34,7 @@ def compute(
     The rates themselves have none: w acts through the density alone, in which they are affine, so that the gradient of
     V' by w is that of the density times a number, and a Hessian of rank one comes with it.
     """
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
     spacing = recursion.steps_per_slice
     number = environment.slice_at(loop, spacing, studies.stationary_slice)
     euler_stage = stage_at(recursion, loop, gains, number, studies.stationary_level, spacing, condition="euler")
