@@ -4,25 +4,33 @@ import re
 
 import pytest
 
-from marsedl.papers import SLUGS, catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.inputs.choices import in_words
+from marsedl.replication.universes.judging import judge_of
 
 pytestmark = pytest.mark.workflow
 LARGEST = 15e6  # bytes of all pages with their pictures, and the zip
 LARGEST_PAPER = 3e6  # bytes of a page with its pictures
+MOST_WORDS = 15_000  # of a paper's two pages
 
 
 def test_the_pages_are_small_and_hold_every_figure_and_section(copied):
     folder = copied.path("report")
     for slug in SLUGS:
-        page = (folder / f"{slug}.html").read_text(encoding="utf-8")
+        page, evidence = ((folder / f"{slug}{end}.html").read_text(encoding="utf-8") for end in ("", "_evidence"))
+        words = len(re.sub(r"(?s)<(script|svg).*?</\1>|<[^>]*>", " ", page + evidence).split())
+        assert words <= MOST_WORDS, slug
         pictures = {path.stem: path.stat().st_size for path in (folder / "pictures" / slug).glob("*.png")}
         assert pictures.keys() == catalogue(slug).figures.keys()
         assert len(page.encode()) + sum(pictures.values()) < LARGEST_PAPER
-        for part in ("short", "claims", "figures", "errata", "readings", "tables", "inputs", "rebuild"):
+        for part in ("short", "figures", "tables"):
             assert f'id="{part}"' in page, f"{slug}: {part}"
+        for part in ("claims", "errata", "readings", "inputs", "rebuild"):
+            assert f'id="{part}"' in evidence, f"{slug}: {part}"
         for stem in catalogue(slug).figures:
-            assert f"snakemake figures/{slug}/{stem}.png" in page
-        assert page.count('<figure class="closeup"') == len(catalogue(slug).closeups)
+            assert f"figures/{slug}/{stem}.png" in page + evidence or f"pictures/{slug}/{stem}.png" in page
+        assert evidence.count('<figure class="closeup"') == len(catalogue(slug).closeups)
     parts = [
         *folder.glob("*.html"),
         *(folder / "assets").glob("*"),
@@ -44,3 +52,23 @@ def test_every_link_and_picture_of_a_page_is_there(copied):
             assert not target or (folder / target).is_file(), f"{name}: {link}"
             if anchor and "=" not in anchor and not anchor.startswith("sign-"):
                 assert anchor in ids[target or name], f"{name}: {link}"
+
+
+def test_every_cause_moves_its_claim_most_towards_what_is_printed(copied):
+    rows, said = read_claims(copied.path("report/claims.json")), 0
+    for slug in SLUGS:
+        given = catalogue(slug), input_model(slug), copied.folder, "smoke", {}
+        judge = judge_of(*given, copied.path(f"report/universes/{slug}.h5"))
+        page = copied.path(f"report/{slug}_evidence.html").read_text("utf-8")
+        for row in (row for row in rows if row.paper == slug and row.is_refuted and row.universes):
+            effects = [one for one in judge.effects(row.id) if one.counts and one.towards and one.cause == "result"]
+            most = max(effects, key=lambda one: one.size, default=None)
+            why = page.partition(f'id="{row.id}"')[2].partition('<span class="why">')[2].partition("</span>")[0]
+            if most is None:
+                assert row.universes.cause is None, row.id
+                assert why == "Nothing that we varied by itself explains it", row.id
+            else:
+                assert row.universes.cause[0] == most.choice, row.id
+                assert why.lower().startswith(in_words(most.choice).lower()), row.id
+            said += 1
+    assert said

@@ -21,11 +21,14 @@ from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED, Clai
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 from marsedl.replication.report.assembly import Input, PaperReport, Reading, Solved
 from marsedl.replication.report.closeups import CloseUp
+from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.report.pages import _templates, build_site, site_files
 from marsedl.replication.report.pictures import picture
+from marsedl.replication.universes.judging import Effect, cause_of
 
 PUBLISHED = Path(__file__).parents[3] / "data" / "published" / "powered_descent.yaml"
 SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
@@ -401,6 +404,45 @@ def test_the_line_says_why_a_verdict_is_what_it_is(verdict, more, line):
     base = {"paper": "p", "id": "c", "kind": "qualitative", "printed": True, "reading": "corrected"}
     row = Claim(**base, verdict=verdict, readings={"corrected": result}, **more)
     assert _templates().get_template("macros.html.j2").module.why(row) == line
+
+
+def effect(value, towards, size, cause="result"):
+    number = 5.0 + size if towards else 5.0 - size
+    return Effect(f"choice_{value}", value, 0, "differs", cause, number, number - 5.0, size, towards)
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        ([effect("away", False, 9.0)], None),
+        ([effect("still", True, 0.9), effect("unsolved", True, 7.0, "infeasible")], None),
+        ([effect("away", False, 9.0), effect("some", True, 2.0), effect("most", True, 3.0)], "most"),
+        ([], None),
+    ],
+)
+def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, effects, expected):
+    """What moves a claim away, or within its error, stands nowhere as its cause, whatever it was declared with."""
+    names = ("away", "still", "unsolved", "some", "most")
+    written = {f"choice_{n}": Choice(f"choice_{n}", "?", "withheld", "", {}, {"ours": {}, n: {}}, None) for n in names}
+    (paper, _), _ = example(tmp_path)
+    cause = cause_of(effects)
+    standing = STILL.model_copy(update={"cause": cause and (cause.choice, cause.value)})
+    update = {"universes": standing, "unit": "m", "choices": ("choice_away", "choice_still")}
+    rows = [row.model_copy(update=update) for row in paper.claims]
+    table = SimpleNamespace(claim=[row.id for row in rows])
+    judge = SimpleNamespace(table=table, effects=lambda _: effects, choices=Choices(written))
+    causes = Deciding(rows, (), judge).causes()
+    assert set(causes) == {row.id for row in rows if row.is_refuted}
+    assert len(causes) > 2
+    why = _templates().get_template("macros.html.j2").module.why
+    for row in rows:
+        if row.is_refuted:
+            line = why(row, causes[row.id])
+            if expected is None:
+                assert line == "Nothing that we varied by itself explains it"
+            else:
+                assert line.startswith(f"Choice {expected} (not printed) moves it most towards ")
+                assert f"from 5.00 to {5 + cause.size:.2f}" in line
 
 
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
