@@ -35,6 +35,7 @@ COMPARISON = "comparison"  # the page of all papers together, and its folder
 _OTHER_PAGES = ("index", COMPARISON, "about")
 _ZIP = "report.zip"
 _BARS = 10  # values of choices that are drawn
+HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
 UNIVERSES = "universes"  # the folder of a paper's pictures of them
 
 

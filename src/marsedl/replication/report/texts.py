@@ -1,5 +1,6 @@
 """The words of a paper that are not computed, from its `texts.yaml`: captions, what its figures show, errata."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -7,9 +8,10 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
 from marsedl.replication.claims.quotes import quotes_in
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs.messages import Keys, Place, checked
 from marsedl.replication.inputs.yaml_file import read_yaml
-from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
+from marsedl.replication.pipeline.catalogue import TEXTS, Erratum, Paper, Product
 
 
 def _with_quotes(text: str) -> str:
@@ -58,6 +60,8 @@ class _Texts(Keys):
     question: Plain = ""
     in_short: tuple[Text, ...] = ()
     picture: str = ""
+    found: dict[str, Text] = Field({})
+    beside: dict[Plain, dict[Plain, Plain]] = Field({})
 
 
 class _Compared(Keys):
@@ -83,7 +87,18 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         question=texts.question,
         in_short=texts.in_short,
         picture=texts.picture,
+        found=texts.found,
+        beside=texts.beside,
     )
+
+
+def check_found(paper: Paper, headline: Collection[str]) -> None:
+    """Raise InputError unless the texts of a paper say of each headline claim, and of no other one, what came out."""
+    where = f"src/marsedl/papers/{paper.slug}/{TEXTS}: found"
+    if other := sorted(paper.found.keys() - set(headline)):
+        raise InputError(f"{where}: '{other[0]}' is no headline claim; {nearest(other[0], headline)}")
+    if missing := [name for name in headline if name not in paper.found]:
+        raise InputError(f"{where}: nothing on the headline claim '{missing[0]}'; write a clause with its numbers")
 
 
 def comparison_texts(path: Path) -> dict[str, tuple[str, str]]:
