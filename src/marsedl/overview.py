@@ -154,6 +154,34 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
     yield columns(table, 0, wrap=False)
 
 
+def compared(changed, rows, before: str, after: str, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moved between two readings, see `marsedl.replication.checks.compare`."""
+    if as_json:
+        yield json.dumps(
+            {"inputs": [one._asdict() for one in changed], "claims": [asdict(row) for row in rows]}, indent=1
+        )
+        return
+    yield f"inputs that differ, {before} -> {after}:"
+    yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
+    turned = [row for row in rows if row.turned]
+    yield f"verdicts that change: {len(turned)}"
+    if turned:
+        yield columns(
+            [(row.component, f"{row.verdict_before} -> {row.verdict_after}", _apart(row)) for row in turned], 2
+        )
+    rest = [row for row in rows if not row.turned]
+    shown = [row for row in rest if not row.sigmas < 1.0 and row.counts]
+    yield f"numbers that move beyond rounding and a standard error, with the same verdict: {len(shown)}"
+    if shown:
+        yield columns([(row.component, row.verdict_after, _apart(row)) for row in shown], 2, wrap=False)
+    yield f"numbers that move by less: {len(rest) - len(shown)}"
+
+
+def _apart(row) -> str:
+    apart = f", {row.sigmas:.1f} standard errors apart" if row.sigmas == row.sigmas else ""
+    return f"{row.before:.6g} -> {row.after:.6g}{apart}"
+
+
 def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
     """Yield the choices of a universe and what its claims give."""
     choices = evaluator.study.choices.complete(row.universe.assignment)
