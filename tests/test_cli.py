@@ -217,7 +217,8 @@ def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
     write_verdicts(bare_project, claim_row())
     output = explained(capsys, "powered_descent", "prior_final_mass")
     assert "verdict: differs (reading corrected)" in output
-    assert "a sentence" in output
+    assert "a sentence" not in output
+    assert "a sentence" in explained(capsys, "powered_descent", "prior_final_mass", "--evidence")
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,7 @@ def command_line() -> argparse.ArgumentParser:
     add("explain trial", "paper", help="a paper, such as powered_descent")
     add("explain", "item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
     add("explain", "--reading", metavar="NAME", default=CORRECTED, help="whose inputs to show (default: %(default)s)")
+    add("explain", "--evidence", action="store_true", help="of a claim: also what was measured in each reading")
     add("diff", "a", type=Path, help="a file or folder")
     add("diff", "b", type=Path, help="the file or folder to compare it with")
     add("trial", "reading", help="a reading, such as corrected")
@@ -229,7 +230,7 @@ def _list(options) -> int:
     if options.paper or options.kinds:
         _say(*(line for slug in slugs for line in overview.listed(project, project.paper(slug), options.kinds)))
         return 0
-    _say(*(overview.counted(project_root(), slug) for slug in slugs))
+    _say(*(overview.there(project_root(), slug) for slug in slugs))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
     _say("targets: " + ", ".join([*TARGETS, *slugs]))
     return 0
@@ -248,7 +249,7 @@ def _explain(options) -> int:
     if name is None:
         _say(*overview.explained_paper(project, paper, reading))
     elif name in claims:
-        _say(*overview.explained_claim(project, claims[name]))
+        _say(*overview.explained_claim(project, claims[name], evidence=options.evidence))
     elif kinds:
         full = project if project.size == FULL else Project(FULL, options.configfile)
         quoted, unlimited = project.paper(slug, reading.name), full.reading(slug, reading.name).inputs

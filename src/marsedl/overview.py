@@ -8,8 +8,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
+from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 
+from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.counts import counted
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, entry_of
 from marsedl.replication.terminal import columns
@@ -28,12 +32,20 @@ def _heading(paper) -> str:
     return f"{paper.slug}\n  {paper.title}\n  {paper.authors}"
 
 
-def _counts(items: dict) -> str:
-    """The number of items of each kind, such as "7 figures, 1 table"."""
-    return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
+def _counts(items: dict, claims) -> str:
+    """The number of items of each kind, such as "7 figures, 1 table", and of claims."""
+    of = {kind: len(of_kind) for kind, of_kind in items.items() if kind != "claims"}
+    others = ", ".join(f"{number} {kind if number != 1 else kind[:-1]}" for kind, number in of.items())
+    return f"{others}\n  {counted(claims).in_words}"
 
 
-def counted(root: Path, slug: str) -> str:
+def _committed(root: Path, slug: str, printed) -> list[SimpleNamespace]:
+    """The printed claims with their committed verdicts."""
+    verdicts = committed_verdicts(root, slug)
+    return [SimpleNamespace(kind=k, verdict=verdicts.get(i, {}).get(CORRECTED), headline=None) for i, k in printed]
+
+
+def there(root: Path, slug: str) -> str:
     """Return how many of each kind a paper has by its files, whose content is not checked, as that takes longest."""
     from marsedl.replication.inputs.yaml_file import read_yaml
     from marsedl.replication.pipeline.declarations import stage_entries
@@ -50,9 +62,9 @@ def counted(root: Path, slug: str) -> str:
         "tables": [*(texts.get("tables") or ()), "claims"],
         "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
         "cases": config["chunks"],
-        "claims": printed["claims"],
     }
-    return f"{_heading(package.PAPER)}\n  {_counts(items)}\n"
+    claims = _committed(root, slug, [(claim["id"], claim["kind"]) for claim in printed["claims"]])
+    return f"{_heading(package.PAPER)}\n  {_counts(items, claims)}\n"
 
 
 def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
@@ -103,7 +115,8 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     if choices := project.studies[paper.slug].choices:
         yield f"\nchoices: what is doubted about the paper (marsedl what-if {paper.slug} CHOICE=VALUE)"
         yield columns([(one.name, one.because, _values(one), one.asks) for one in choices], 2)
-    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there)}"
+    claims = _committed(project.root, paper.slug, [(one.id, one.kind) for one in project.published(paper.slug)])
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there, verdicts.values() if verdicts else claims)}"
     yield "\nverdicts"
     if not verdicts:
         yield f"  none yet: run 'snakemake claims{project.options}'"
@@ -198,9 +211,10 @@ def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
     yield columns(claims, 2)
 
 
-def explained_claim(project, claim) -> Iterator[str]:
-    """Yield what is printed of a claim, and the verdict on it."""
+def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
+    """Yield what is printed of a claim, the verdict on it and its cause, and what each reading gives."""
     from marsedl.replication.claims.numbers import format_result
+    from marsedl.replication.report import one_line
 
     unit = "" if claim.unit == "1" else f" {claim.unit}"
     printed = "a statement" if isinstance(claim.printed, bool) else f"printed {claim.printed}{unit}"
@@ -210,16 +224,20 @@ def explained_claim(project, claim) -> Iterator[str]:
         yield f"  no verdict yet: run 'snakemake claims{project.options}'"
         return
     yield f"  verdict: {verdict.verdict} (reading {verdict.reading})"
-    if verdict.reason:
-        yield f"  {verdict.reason}"
+    told = {"remark": one_line.remark(verdict)}
     if one := verdict.universes:
         on = f" on {', '.join(one.on)}" if one.on else ""
-        yield f"  universes: {one.stands}{on}; true in {one.true} of {one.of} that fill the space and have a result"
-    results = [
-        (name, result.verdict or "–", ", ".join(format_result(verdict, name)), "; ".join(result.evidence))
-        for name, result in verdict.readings.items()
-    ]
-    yield columns(results, 4)
+        told["universes"] = f"{one.stands}{on}; true in {one.true} of {one.of} that fill the space and have a result"
+        if verdict.is_refuted:
+            choice = project.studies[claim.paper].choices.by_name.get(one.cause[0]) if one.cause else None
+            told = {"why": one_line.cause(verdict, choice and (choice, nan, nan, ""))} | told
+    yield columns([(name, text) for name, text in told.items() if text], 2)
+    results = verdict.readings.items()
+    yield columns([(name, one.verdict or "–", ", ".join(format_result(verdict, name))) for name, one in results], 4)
+    if evidence:
+        yield columns([(name, text) for name, one in results for text in one.evidence], 4)
+    elif any(one.evidence for _, one in results):
+        yield "  --evidence shows what was measured"
 
 
 def explained_item(project, paper, reading, full, name, kinds) -> Iterator[str]:

@@ -21,7 +21,6 @@ rule digests:
 rule report:
     input:
         unpack(inputs("report/index.html")),
-        benchmarks=source(BENCHMARKS),
         claims="report/claims.json",
         digests="report/digests.json",
         universes=expand("report/universes/{paper}.h5", paper=PAPERS),

@@ -11,13 +11,11 @@ from marsedl.replication.report.pages import build_site
 from marsedl.replication.universes.judging import judge_of
 
 with guarded(snakemake) as job:
-    claims, benchmarks = read_claims(snakemake.input.claims), Path(snakemake.input.benchmarks)
+    claims = read_claims(snakemake.input.claims)
     project, papers = Path(snakemake.params.project).resolve(), []
     for (slug, readings), universes in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
         given = catalogue(slug), input_model(slug)
         judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes)
-        papers.append(
-            assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], benchmarks, judge)
-        )
-    around = assembly.environment(job.made["size"], Path(snakemake.input.digests))
+        papers.append(assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], judge))
+    around = assembly.environment(job.made["size"], project / "CITATION.cff")
     build_site(Path(snakemake.output[0]).parent, papers, around, comparisons())

@@ -1,4 +1,4 @@
-"""What the report is told by the artifacts: solvers, provenance, run times, and the plots to look into."""
+"""What the report is told by the artifacts: solvers, provenance, and the plots to look into."""
 
 import json
 import math
@@ -81,15 +81,6 @@ def test_a_damaged_artifact_is_named(tmp_path):
     path.write_bytes(b"\x89HDF")
     with pytest.raises(ArtifactError, match=r"gains\.h5"):
         assembly.solved(Solve("gains", "status"), {"corrected": {"gains": str(path)}})
-
-
-def test_run_times_are_those_of_the_paper_asked_for(tmp_path):
-    path = tmp_path / "benchmarks.csv"
-    assert assembly.run_times(path, "a") == []
-    path.write_text("paper,quantity,value,note\na,speed,1,\nall,build,2,once\na,memory,3,\n")
-    assert assembly.run_times(path, "a") == [["quantity", "value"], ["speed", "1"], ["memory", "3"]]
-    assert assembly.run_times(path, "all") == [["quantity", "value", "note"], ["build", "2", "once"]]
-    assert assembly.run_times(path, "b") == []
 
 
 @pytest.mark.parametrize(

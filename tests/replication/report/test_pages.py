@@ -170,7 +170,6 @@ def example(folder, hostile="plain"):
                 "states", "Final states", f"Where the flights end. {hostile}", "histories", {"said": hostile, "n": 1.5}
             )
         ],
-        [["quantity", "value"], ["design, compiled", "0.39"]],
         [Solved("certificates", "solver", {"optimal": ["printed"], hostile: ["corrected"]}, [3, 1000], [])],
         [["gains", "Gains.", "linearization", "7", "abc"]],
     )
@@ -180,7 +179,7 @@ def example(folder, hostile="plain"):
     environment = {
         "size": "smoke",
         "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
-        "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
+        "cited": {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"},
     }
     alone = Paper("small", "A small paper", "", "Nobody.")
     return [paper, PaperReport(alone, rows, {"corrected": Reading("corrected", "All.", None, False, {})})], environment
@@ -288,7 +287,7 @@ def test_the_zip_holds_all_other_files(site):
 
 
 def test_tags_balance_ids_are_unique_and_tables_have_captions(pages):
-    assert len(pages) == 5
+    assert len(pages) == 7
     for page in pages.values():
         assert page.open == []
         assert len(page.ids) == len(set(page.ids))
@@ -306,14 +305,22 @@ def test_all_that_is_searched_for_has_an_address(site, pages):
     assert "</script" not in text
     paper = site[1][0]
     catalogue = paper.catalogue
-    for anchor in [row.id for row in paper.claims] + [e.id for e in catalogue.errata] + list(catalogue.figures):
-        assert ["powered_descent.html", anchor] in addresses
-    for prefix, names in (("input", paper.meanings), ("reading", paper.readings), ("table", catalogue.tables)):
-        assert all(["powered_descent.html", f"{prefix}-{name}"] in addresses for name in names)
+    first, second = "powered_descent.html", "powered_descent_evidence.html"
+    for anchor in [row.id for row in paper.claims] + [e.id for e in catalogue.errata]:
+        assert [second, anchor] in addresses
+    for anchor, figure in catalogue.figures.items():
+        assert [second if figure.beyond else first, anchor] in addresses
+    for page, prefix, names in (
+        (second, "input", paper.meanings),
+        (second, "reading", paper.readings),
+        (first, "table", catalogue.tables),
+    ):
+        assert all([page, f"{prefix}-{name}"] in addresses for name in names)
 
 
 def test_text_from_outside_is_escaped(site, pages):
-    text = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    texts = [(site[0] / "out" / f"powered_descent{end}.html").read_text("utf-8") for end in ("", "_evidence")]
+    text = "".join(texts)
     assert "<script>alert" not in text
     assert text.count("&lt;/script&gt;&lt;script&gt;alert(&#x27;x &amp; y&#x27;)&lt;/script&gt;") > 5
 
@@ -350,12 +357,12 @@ def test_the_first_page_counts_numbers_and_statements_apart(site, pages):
     numbers = [row.verdict for row in rows if row.kind != "qualitative" and row.verdict in COUNTED_VERDICTS]
     statements = [row.verdict for row in rows if row.kind == "qualitative" and row.verdict in COUNTED_VERDICTS]
     assert numbers and statements
-    assert f"Of {len(numbers)} printed numbers, {numbers.count('reproduced')} reproduce" in text
-    assert f"Of {len(statements)} statements, {statements.count('holds')} hold." in text
+    assert f"{numbers.count('reproduced')} of {len(numbers)} printed numbers reproduce" in text
+    assert f"{statements.count('holds')} of {len(statements)} statements hold." in text
 
 
 def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
-    html = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    html = (site[0] / "out" / "powered_descent_evidence.html").read_text(encoding="utf-8")
     claim = html.partition('id="mc_final_mean"')[2].partition("</details>")[0]
     row = next(row for row in site[1][0].claims if row.id == "mc_final_mean")
     verdicts = {name: result.verdict for name, result in row.readings.items()}
@@ -363,21 +370,21 @@ def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
     assert differing
     assert set(re.findall('href="#reading-([a-z0-9_]+)"', claim)) == differing
     assert 'href="#E11"' in claim
-    assert 'href="#fig02"' in claim
+    assert 'href="powered_descent.html#fig02"' in claim
 
 
 def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
-    page = pages["powered_descent.html"]
+    page = pages["powered_descent_evidence.html"]
     assert [json.loads(text) for text in page.data] == [site[1][0].closeups[0].data]
     assert "closer-states" in page.ids
     assert "assets/closeups.js" in page.sources
-    assert "assets/closeups.js" not in pages["small.html"].sources
+    assert "assets/closeups.js" not in pages["small_evidence.html"].sources
 
 
 @pytest.mark.parametrize(
     ("verdict", "more", "line"),
     [
-        ("differs", {"universes": MOVED}, "Noise unit newton would move it towards its limit"),
+        ("differs", {"universes": MOVED}, "Noise unit: newton moves it most towards its limit"),
         ("fails", {"universes": STILL}, "Nothing that we varied by itself explains it"),
         ("differs", {}, "Outside rounding and sampling error"),
         ("fails", {}, "Limit 1.25 m"),
@@ -406,7 +413,7 @@ def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
     for name in ("index.html", "powered_descent.html", "about.html"):
         page = read(tmp_path / "out" / name)
         assert "1 result is unexplained." in words(page)
-        assert f"powered_descent.html#{row.id}" in page.links
+        assert f"powered_descent_evidence.html#{row.id}" in page.links
         assert "run of size" not in words(page)
 
 

@@ -165,7 +165,7 @@ def test_effects_of_each_value_by_itself(judge):
     assert effects["slope", 1.0].towards and not effects["slope", 0.0].towards
     assert effects["angle", "printed"].difference == pytest.approx(-1.0) and not effects["angle", "printed"].towards
     assert effects["form", "odd"].size == 0.0 and not effects["form", "odd"].counts
-    cause = cause_of(judge.judged("line"))
+    cause = cause_of(judge.judged("line").effects)
     assert (cause.choice, cause.value) == ("slope", 1.0), "the largest change is away from what is printed"
 
 
@@ -210,8 +210,8 @@ def test_a_page_says_what_an_erratum_changes_and_what_decides(judge):
     assert (number.claim.id, number.value, number.mark) == ("line", 0.5, 0.8)
     assert [one.difference for one in number.effects] == pytest.approx([-1.0, -0.5, 0.5, 0.0])
     slope, form = deciding.open()
-    assert form.choice.kind == "misprint" and (form.low, form.high, form.claims) == (0.5, 0.5, [])
-    assert (slope.choice.name, slope.low, slope.high, slope.claims) == ("slope", 0.0, 1.0, ["line"])
+    assert form.choice.kind == "misprint" and (form.low, form.high) == (0.5, 0.5)
+    assert (slope.choice.name, slope.low, slope.high) == ("slope", 0.0, 1.0)
     assert judge.standing("line").cause == ("slope", "1") and judge.standing("constant").stands == "robust"
 
 

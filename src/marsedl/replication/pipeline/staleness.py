@@ -232,7 +232,7 @@ class Recipes:
         digests = "report/digests.json"
         packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
-        files = [BENCHMARKS, *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
+        files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
         closeups = [entry_of(slug, "closeups", name) for slug, paper in self.papers.items() for name in paper.closeups]
         return self._made(
             *("report/index", [*self.job(digests).needs, digests], "report.py", *closeups),

@@ -14,11 +14,11 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
+from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Solve, Stage, entry_of, function_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records import store
-from marsedl.replication.records.tables import read_table
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.universes.judging import Judge
 
@@ -68,8 +68,8 @@ class Solved(NamedTuple):
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `judge` knows its universes, `units` and `meanings` are those of its inputs, and `run_times`, below a header, and
-    `provenance` are rows of text.
+    `judge` knows its universes, `units` and `meanings` are those of its inputs, and `provenance` are
+    rows of text.
     """
 
     catalogue: Paper
@@ -79,7 +79,6 @@ class PaperReport:
     units: Mapping[str, str] = field(default_factory=dict)
     meanings: Mapping[str, str] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
-    run_times: Sequence[Sequence[str]] = ()
     solves: Sequence[Solved] = ()
     provenance: Sequence[Sequence[str]] = ()
 
@@ -90,12 +89,11 @@ def paper_report(
     readings: Mapping[str, Mapping[str, Any]],
     claims: Iterable[Claim],
     paths: Paths,
-    benchmarks: Path,
     judge: Judge,
 ) -> PaperReport:
     """Return the contents of the report on one paper.
 
-    `readings` are those of `Recipes.described`, `claims` and `benchmarks` those of all papers, `paths` its artifacts;
+    `readings` are those of `Recipes.described`, `claims` those of all papers, `paths` its artifacts;
     `judge` knows its universes.
 
     Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
@@ -110,23 +108,14 @@ def paper_report(
         {name: model.unit(name) for name in names},
         {name: model.meaning(name) for name in names},
         closeups(catalogue, files),
-        run_times(benchmarks, catalogue.slug),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
         provenance(files, catalogue.stages, {name: one.value for name, one in inputs[CORRECTED].items()}),
     )
 
 
-def environment(size: str, digests: Path) -> dict[str, Any]:
-    """Return what concerns all papers: size, versions of the software by package, and digests by file."""
-    return {"size": size, "versions": library_versions(*LIBRARIES), "digests": json.loads(digests.read_text("utf-8"))}
-
-
-def run_times(benchmarks: Path, paper: str) -> list[list[str]]:
-    """Return the measured run times of a paper below their header; a column of notes without any note is left out."""
-    rows = read_table(benchmarks) if benchmarks.exists() else []
-    kept = [row[1:] for row in rows[1:] if row[0] == paper]
-    columns = [(head, *column) for head, *column in zip(rows[0][1:], *kept, strict=True)] if kept else []
-    return [list(row) for row in zip(*(c for c in columns if c[0] != "note" or any(c[1:])), strict=True)]
+def environment(size: str, citation: Path) -> dict[str, Any]:
+    """Return what concerns all papers: size, versions of the software by package, and CITATION.cff."""
+    return {"size": size, "versions": library_versions(*LIBRARIES), "cited": read_yaml(citation)}
 
 
 def solved(solve: Solve, paths: Paths) -> Solved | None:

@@ -10,7 +10,7 @@ from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choice
 from marsedl.replication.pipeline.catalogue import Erratum
-from marsedl.replication.universes.judging import Effect, Judge
+from marsedl.replication.universes.judging import Effect, Judge, cause_of
 from marsedl.replication.universes.table import components_of
 
 # What an erratum changes, from most to least.
@@ -73,13 +73,21 @@ class Number:
 
 
 class Open(NamedTuple):
-    """What a paper leaves open: the choice, what other values make of the deciding number, the claims that name it."""
+    """What a paper leaves open: the choice, and what other values make of the deciding number."""
 
     choice: Choice
     low: float | None
     high: float | None
     no_result: bool
-    claims: Sequence[str]
+
+
+class Cause(NamedTuple):
+    """The choice that moves a number most towards what is printed, and the range over its values with ours."""
+
+    choice: Choice
+    low: float
+    high: float
+    unit: str
 
 
 class Deciding:
@@ -126,33 +134,60 @@ class Deciding:
         rank = next(rank for rank, found in by_rank.items() if found)
         return ErratumEffect(erratum, rank, named, refuted, choices, headline, no_result, verdicts)
 
+    def causes(self) -> dict[str, Cause | None]:
+        """Return the cause of every claim that differs or fails; None if no choice by itself moves it towards print."""
+        found = {}
+        for row in self._refuted:
+            if row.id in self._judged:
+                cause = cause_of(self.judge.effects(row.id))
+                found[row.id] = cause and Cause(
+                    self.judge.choices.by_name[cause.choice], *self._range(row, cause.choice)
+                )
+        return found
+
+    def _range(self, row: Claim, choice: str) -> tuple[float, float, str]:
+        """The least and largest number over the values of a choice and in `corrected`, and their unit."""
+        effects = [one for one in self.judge.effects(row.id) if one.choice == choice and math.isfinite(one.number)]
+        values = [number for one in effects for number in (one.number, one.number - one.difference)]
+        return min(values, default=math.nan), max(values, default=math.nan), self._unit(row)
+
+    def _unit(self, row: Claim) -> str:
+        """The unit of the number that decides a claim."""
+        if row.is_statement:
+            return row.result.margin.unit if row.result.margin else "1"
+        if ", " not in row.unit:
+            return row.unit
+        component = self.judge.judged(row.id).component
+        return row.unit_of(dict(components_of(self.judge.published[row.id])).get(component, ()))
+
     @cached_property
     def number(self) -> Number | None:
-        """The number of the first headline claim that is one, else the measure of the first headline statement."""
-        judged = [row for row in self._headline if row.id in self._judged]
-        for row in sorted(judged, key=lambda row: row.is_statement):
-            one = self.judge.judged(row.id)
-            if math.isfinite(one.number) and math.isfinite(one.printed):
-                place = dict(components_of(self.judge.published[row.id]))[one.component]
-                unit = row.result.margin.unit if row.is_statement and row.result.margin else row.unit_of(place)
+        """The number that decides a headline claim: one that choices move, of a claim that differs, if there is any."""
+        found = []
+        for row in self._headline:
+            one = self.judge.judged(row.id) if row.id in self._judged else None
+            if one and math.isfinite(one.number) and math.isfinite(one.printed):
                 effects = [e for e in one.effects if e.cause == "result" and math.isfinite(e.difference)]
                 effects.sort(key=lambda effect: -abs(effect.difference))
-                return Number(row, one.number, one.error, one.printed, unit, effects)
-        return None
+                found.append(Number(row, one.number, one.error, one.printed, self._unit(row), effects))
+
+        def order(one: Number) -> tuple[bool, ...]:
+            return not any(e.counts for e in one.effects), not one.claim.is_refuted, one.claim.is_statement
+
+        return min(found, key=order, default=None)
 
     def open(self) -> list[Open]:
-        """Return what the paper leaves open, first what most refuted claims name."""
-        number = self.number
+        """Return what the paper leaves open, first what moves the deciding number furthest."""
         found = []
         for one in self._choices:
             if one.erratum:
                 continue
-            effects = [e for e in self.judge.effects(number.claim.id) if e.choice == one.name] if number else []
-            values = [e.number for e in effects if math.isfinite(e.number)]
-            low, high = (min([*values, number.value]), max([*values, number.value])) if values else (None, None)
-            claims = [row.id for row in self._refuted if one.name in row.choices]
-            found.append(Open(one, low, high, any(e.cause in FAILURES for e in effects), claims))
-        return sorted(found, key=lambda one: -len(one.claims))
+            effects = (
+                [e for e in self.judge.effects(self.number.claim.id) if e.choice == one.name] if self.number else []
+            )
+            low, high = self._range(self.number.claim, one.name)[:2] if self.number else (math.nan, math.nan)
+            found.append(Open(one, low, high, any(e.cause in FAILURES for e in effects)))
+        return sorted(found, key=lambda one: -(one.high - one.low) if one.high > one.low else 0.0)
 
 
 def changed_verdicts(claims: Iterable[Claim]) -> dict[str, list[tuple[str, str, str]]]:

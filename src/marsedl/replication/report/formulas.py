@@ -8,7 +8,7 @@ from marsedl.replication.errors import InputError, shown
 
 _PIECES = re.compile(r"`([^`]+)`|\$([^$]*)\$|(\$)|(?:(?!`[^`]+`)[^$])+")
 # Powers behind a letter or a bracket; what stands before them in the pattern is passed over: code, formulas and tags.
-_POWERS = re.compile(r"<(script|style|code|pre|math)\b.*?</\1>|<[^>]*>|(?<=[A-Za-z)])\^(-?\d+)(?![\w.])", re.DOTALL)
+_POWERS = re.compile(r"<(script|style|code|pre|math)\b.*?</\1>|<[^>]*>|(?<=[A-Za-z)])\^(-?\d+)(?!\w|\.\d)", re.DOTALL)
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # What the converter passes through or writes in names that no browser knows.
 _REFUSED = {

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims.claim import NUMBERS, STANDING_VERDICTS, STATEMENTS, Claim
+from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.printed import load_published
-from marsedl.replication.claims.rows import summary
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.yaml_file import read_yaml
@@ -21,7 +21,7 @@ _COUNTS = re.compile(r"\d+ of \d+ printed numbers; \d+ of \d+ statements")
 
 
 class CommittedClaim(NamedTuple):
-    """A claim with its committed verdict, None if none is committed; `summary` counts them like claims of a build."""
+    """A claim with its committed verdict, None if none is committed; `counted` like claims of a build."""
 
     kind: str
     verdict: str | None
@@ -38,10 +38,9 @@ def badge(rows: Iterable[Claim | CommittedClaim]) -> dict[str, Any]:
 
     The colour says nothing: a claim that fails speaks of a paper, not of its replication.
     """
-    counts = summary(rows)
-    reproduced = f"{counts[NUMBERS]['reproduced']} of {sum(counts[NUMBERS].values())} printed numbers"
-    hold = f"{counts[STATEMENTS]['holds']} of {sum(counts[STATEMENTS].values())} statements"
-    return {"schemaVersion": 1, "label": "replication", "message": f"{reproduced}; {hold}", "color": "blue"}
+    of = counted(rows)
+    message = f"{of.reproduced} of {of.numbers} printed numbers; {of.hold} of {of.statements} statements"
+    return {"schemaVersion": 1, "label": "replication", "message": message, "color": "blue"}
 
 
 def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
@@ -70,12 +69,8 @@ def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
 
 def _answer(paper: Paper, rows: Sequence[CommittedClaim]) -> str:
     """What came out of one paper, as an item of a list in Markdown."""
-    headline = [row.verdict for row in rows if row.headline is not None]
-    numbers = summary(rows)[NUMBERS]
-    counts = (
-        f"**{sum(verdict in STANDING_VERDICTS for verdict in headline)} of {len(headline)}** headline claims stand; "
-        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers reproduce."
-    )
+    of = counted(rows)
+    counts = f"**{of.of_headline.replace(' headline', '** headline')}; {of.of_numbers}."
     asked = [paper.question or f"{paper.title}.", *paper.in_short[:1]]
     return f"- **[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors}). {' '.join([*asked, counts])}\n"
 

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from marsedl.replication.claims.claim import STANDING_VERDICTS, Claim, Doubt, Margin
 from marsedl.replication.claims.numbers import flatten, format_number, format_result, is_finite
 from marsedl.replication.claims.thresholds import ROUNDING
+from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
 
 MOST_WORDS = 12  # of a reason in one line
 
 _CLAUSE = 4  # words; a shorter clause is no reason
+_CLASSES = {WITHHELD: "not printed", MISPRINT: "a possible misprint", SETTING: "a setting left open"}
 _UNITS = {"1": "", "not given": "", "percent": "%"}  # as they are shown
 
 
@@ -54,6 +56,29 @@ def limit(margin: Margin | None) -> str:
         return ""
     text = _number(margin.limit, margin.value)
     return with_unit(re.sub(r"\.?0+(?=e|$)", "", text) if "." in text else text, margin.unit)
+
+
+def cause(row: Claim, found: tuple[Choice, float, float, str] | None = None) -> str:
+    """Return which choice moves a claim most towards what is printed.
+
+    row: a claim; found: the choice, and the range over its values with a unit, NaN if it is not known
+    """
+    if row.universes is None or row.universes.cause is None:
+        return "Nothing that we varied by itself explains it" if row.universes else ""
+    (name, value), towards = row.universes.cause, "its limit" if row.is_statement else "print"
+    if found is None:
+        return f"{in_words(name).capitalize()}: {in_words(value)} moves it most towards {towards}"
+    choice, low, high, unit = found
+    kind = f"erratum {choice.erratum}" if choice.erratum else _CLASSES[choice.kind]
+    ends = [near(end, high - low) for end in (low, high) if math.isfinite(low)]
+    reach = f", from {ends[0]} to {with_unit(ends[1], unit)}" if len(set(ends)) > 1 else ""
+    return f"{in_words(name).capitalize()} ({kind}) moves it most towards {towards}{reach}"
+
+
+def remark(row: Claim) -> str:
+    """Return the stated reason without the errata, choices and tolerance of its declaration, which stand elsewhere."""
+    text = re.sub(r"^E\d+(, E\d+)*(\. |$)", "", row.reason.partition("Within the tolerance stated beforehand")[0])
+    return "" if text.startswith("Depends on ") and row.choices else text.strip()
 
 
 def short_doubt(doubts: Sequence[Doubt]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import re
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 
 from marsedl.replication.claims import counterexamples
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
+from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
 from marsedl.replication.claims.rows import summary, unexplained
 from marsedl.replication.errors import InputError
@@ -20,7 +22,7 @@ from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import one_line
-from marsedl.replication.report.assembly import Input, PaperReport, Reading, different
+from marsedl.replication.report.assembly import PaperReport, different
 from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
@@ -33,7 +35,7 @@ _ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
 _SEARCH_DATA = "assets/search-data.js"
 COMPARISON = "comparison"  # the page of all papers together, and its folder
 _OTHER_PAGES = ("index", COMPARISON, "about")
-_ZIP = "report.zip"
+_PROVENANCE, _ZIP = "provenance.csv", "report.zip"
 _BARS = 10  # values of choices that are drawn
 HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
 UNIVERSES = "universes"  # the folder of a paper's pictures of them
@@ -43,8 +45,9 @@ def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
     """Return the files of a report, from the names of the figures of each paper by slug, and of the comparison."""
     return [
         *(f"{page}.html" for page in dict.fromkeys([*_OTHER_PAGES, *figures])),
+        *(f"{slug}_evidence.html" for slug in figures if slug != COMPARISON),
         *(f"assets/{name}" for name in _ASSETS),
-        _SEARCH_DATA,
+        *(_SEARCH_DATA, _PROVENANCE),
         *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
         _ZIP,
     ]
@@ -77,7 +80,8 @@ def build_site(
     shared = {
         "entries": entries,
         "together": together,
-        "total": summary([row for report in papers for row in report.claims]),
+        "total": summary(every := [row for report in papers for row in report.claims]),
+        "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
         **environment,
     }
@@ -88,8 +92,14 @@ def build_site(
         return f"{with_raised_powers(page).strip()}\n".encode()
 
     files = {f"{page}.html": render(page) for page in _OTHER_PAGES}
-    files |= {f"{entry['paper'].slug}.html": render("paper", entry=entry) for entry in entries}
+    for entry in entries:
+        slug = entry["paper"].slug
+        files |= {
+            f"{slug}.html": render("paper", entry=entry),
+            f"{slug}_evidence.html": render("evidence", entry=entry),
+        }
     files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in _ASSETS}
+    files[_PROVENANCE] = _provenance(papers)
     files[_SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
     for shown in (*entries, together):
         files |= {f"pictures/{one.place}.png": one.content.content for one in shown["figures"].values()}
@@ -113,14 +123,15 @@ def _templates() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.short_doubt)
+    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark, one_line.short_doubt)
     of_names = (one_line.shown_unit, one_line.near, figure_label, different, in_words, answer)
-    here = (_capital, _json, _said, _components, _by_verdict, _signed, _other_values)
+    here = (_capital, _json, _said, _components, _by_verdict, _signed, _first_sentence)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_names, *here)} | {
         "words": lambda verdict: verdict.replace("_", " "),
         "count": lambda number, word: f"{number} {word}{'' if number == 1 else 's'}",
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,
+        "raised": with_raised_powers,
         "number": format_number,
         "printed": lambda row: "" if row.is_statement else ", ".join(format_lines(row.printed, None, row.resolution)),
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
@@ -135,6 +146,15 @@ def _templates() -> Any:
 def _json(data: Any) -> str:
     """JSON that may stand inside of a <script>: no text in it can end the element."""
     return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _provenance(papers: Iterable[PaperReport]) -> bytes:
+    """What every artifact of the default reading was made from, as a table."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("paper", "artifact", "meaning", "made from", "seed", "digests of script and code"))
+    writer.writerows((report.catalogue.slug, *row) for report in papers for row in report.provenance)
+    return stream.getvalue().encode()
 
 
 def _zipped(contents: Mapping[str, bytes]) -> bytes:
@@ -169,6 +189,11 @@ class Shown(NamedTuple):
     content: Any
     described: str = ""
 
+    @property
+    def anchor(self) -> str:
+        """Its place on a page: figures and tables may have the same names."""
+        return f"table-{self.name}" if isinstance(self.content, list) else self.name
+
 
 def _shown(
     products: Mapping[str, Product], folder: Path, read: Callable, end: str, described: Mapping[str, str] = {}
@@ -185,38 +210,54 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     if paper.picture and paper.picture not in paper.figures:
         raise InputError(f"report: {paper.slug}: the picture {paper.picture!r} is none of its figures")
     deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
-    titles = {erratum.id: erratum.title or erratum.printed for erratum in paper.errata}
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
+    figures = _shown(paper.figures, root / paper.slug, picture, ".png", paper.described)
+    tables = _shown(paper.tables, root / paper.slug, read_markdown, ".md")
+    first = {
+        "short",
+        "decides",
+        "figures",
+        "tables",
+        HEADLINE,
+        *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond),
+    }
+    effects = deciding.effects()
+    named = {  # what leads to a claim, for the filter
+        row.id: [
+            *(f"reading:{name};" for name, those in changed.items() if any(row.id == claim for claim, *_ in those)),
+            *(f"erratum:{e.erratum.id};" for e in effects if row.id in {*e.named, *(one.claim for one in e.verdicts)}),
+        ]
+        for row in claims.values()
+    }
     return {
         "report": report,
         "paper": paper,
         "name": figure_label(paper.slug),
+        "at": lambda anchor: f"{paper.slug}{'' if anchor in first else '_evidence'}.html#{anchor}",
         "claims": claims,
         "headline": sorted((row for row in claims.values() if row.headline), key=lambda row: row.headline),
         "summary": summary(rows),
-        "titles": titles,
+        "counts": counted(rows),
+        "titles": {erratum.id: erratum.title or erratum.printed for erratum in paper.errata},
+        "causes": deciding.causes(),
+        "named": named,
         "deciding": deciding.number and _deciding(deciding.number),
-        "effects": sorted(deciding.effects(), key=lambda one: -len(one.refuted) if one.group == "named" else 0),
+        "effects": sorted(effects, key=lambda one: -len(one.refuted) if one.group == "named" else 0),
         "open": deciding.open(),
         **_universes(report, root),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "figures": _shown(paper.figures, root / paper.slug, picture, ".png", paper.described),
-        "tables": _shown(paper.tables, root / paper.slug, read_markdown, ".md"),
+        "picture": figures.get(HEADLINE) or figures.get(paper.picture),
+        "figures": figures,
+        "tables": tables,
     }
 
 
-def _grouped(pairs: Iterable[tuple[Any, str]]) -> dict[Any, list[str]]:
-    """Names by what they are paired with."""
-    groups: dict[Any, list[str]] = {}
-    for key, name in pairs:
-        groups.setdefault(key, []).append(name)
+def _grouped(pairs: Iterable[tuple[str, Any]]) -> dict[str, list]:
+    """Things by what they are paired with."""
+    groups: dict[str, list] = {}
+    for key, one in pairs:
+        groups.setdefault(key, []).append(one)
     return groups
-
-
-def _other_values(name: str, readings: Mapping[str, Reading]) -> dict[Input, list[str]]:
-    """The values of an input other than that of the default reading, with their sources and readings."""
-    own = readings[CORRECTED].inputs[name].value
-    return _grouped((one.inputs[name], one.name) for one in readings.values() if one.inputs[name].value != own)
 
 
 def _said(row: Claim) -> str:
@@ -224,9 +265,14 @@ def _said(row: Claim) -> str:
     return _capital(row.plain or row.quantity)
 
 
+def _first_sentence(text: str) -> str:
+    """The first sentence of a caption; the full stop of "Fig. 9" ends none."""
+    return re.split(r"\. (?=[A-Z(])", text)[0].removesuffix(".")
+
+
 def _by_verdict(row: Claim) -> dict[str, list[str]]:
-    """The readings by their verdicts."""
-    return _grouped((result.verdict or "not evaluated", name) for name, result in row.readings.items())
+    """The readings that decide a claim, by their verdicts."""
+    return _grouped((result.verdict, name) for name, result in row.readings.items() if result.verdict)
 
 
 def _components(row: Claim) -> list[tuple[str, str, str]]:
@@ -262,19 +308,27 @@ def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
     }
 
 
-def _deciding(number: Number) -> dict[str, Any]:
-    """The deciding number, and what each choice makes of it by itself, the largest change first; a few are drawn."""
+def _deciding(number: Number) -> dict[str, Any] | None:
+    """The deciding number, and what each choice makes of it by itself, the largest change first; a few are drawn.
+
+    Choices that make the same number of it share a bar. None if no choice moves it.
+    """
     moved = [one for one in number.effects if one.counts]
+    if not moved:
+        return None
     sizes = sorted(abs(one.difference) for one in moved)
-    usual = max(abs(number.value - number.mark), sizes[len(sizes) // 2] if sizes else 0.0)
-    near = [one for one in moved if abs(one.difference) <= 20 * usual]
-    bars = near[:_BARS]
+    usual = max(abs(number.value - number.mark), sizes[len(sizes) // 2])
+    near = _grouped(
+        (one_line.near(one.number, one.difference), one) for one in moved if abs(one.difference) <= 20 * usual
+    )
+    bars = dict(list(near.items())[:_BARS])
+    drawn = [one for of in bars.values() for one in of]
     return {
         "number": number,
-        "place": _places([number.value, number.mark, *(one.number for one in bars)], 4),
+        "place": _places([number.value, number.mark, *(one.number for one in drawn)], 4),
         "bars": bars,
-        "more": [one for one in moved if one not in bars],
-        "still": list(dict.fromkeys(one.choice for one in number.effects if not one.counts)),
+        "more": [one for one in moved if one not in drawn],
+        "still": sorted({one.choice for one in number.effects} - {one.choice for one in moved}),
     }
 
 
@@ -296,16 +350,16 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         for one in entry["figures"].values():
             parts.append((one.name, "figure", figure_label(one.name), one.product.caption, one.described))
         for one in entry["tables"].values():
-            parts.append((f"table-{one.name}", "table", figure_label(one.name), one.product.caption))
+            parts.append((one.anchor, "table", figure_label(one.name), one.product.caption))
         for one in paper.errata:
             parts.append((one.id, "erratum", f"{one.id}. {entry['titles'][one.id]}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
         parts += [(f"reading-{key}", "reading", key, one.summary) for key, one in report.readings.items()]
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
-        found += [(paper.slug, anchor, f"{name}: {kind}", *texts) for anchor, kind, *texts in parts]
         if paper.title:
-            found.append((paper.slug, "short", "paper", name, paper.title, paper.authors, paper.question))
+            parts.append(("short", "paper", name, paper.title, paper.authors, paper.question))
+        found += [(entry["at"](anchor), f"{name}: {kind}", *texts) for anchor, kind, *texts in parts]
     return sorted(
-        [f"{page}.html#{anchor}", kind, without_markup(title), without_markup(" ".join(filter(None, texts)))]
-        for page, anchor, kind, title, *texts in found
+        [address, kind, without_markup(title), without_markup(" ".join(filter(None, texts)))]
+        for address, kind, title, *texts in found
     )

@@ -5,7 +5,7 @@ Shares of universes depend on how many alternatives each choice lists: they are 
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -212,7 +212,7 @@ class Judge:
     def standing(self, claim: str) -> Standing:
         """Return what the universes say of a claim, as it stands beside its verdict."""
         judged = self.judged(claim)
-        cause, share = cause_of(judged), judged.over_results
+        cause, share = cause_of(judged.effects), judged.over_results
         return Standing(
             stands=judged.stands,
             on=judged.on,
@@ -399,9 +399,10 @@ def correlation_ratio(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     return between / np.where(total > 0, total, 1.0)
 
 
-def cause_of(judged: Judged) -> Effect | None:
-    """Return the choice with the largest effect towards what is printed; None if nothing moves the number there."""
-    return next((one for one in judged.effects if one.counts and one.towards and one.cause == "result"), None)
+def cause_of(effects: Iterable[Effect]) -> Effect | None:
+    """Return the largest effect towards what is printed; None if nothing moves the number there."""
+    moving = (one for one in effects if one.counts and one.towards and one.cause == "result")
+    return max(moving, key=lambda one: one.size, default=None)
 
 
 COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper

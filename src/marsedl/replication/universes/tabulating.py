@@ -15,7 +15,7 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
     rows = []
     for name in map(str, judge.table.claim):
         one = judge.judged(name)
-        cause, near = cause_of(one), one.nearest
+        cause, near = cause_of(one.effects), one.nearest
         rows.append(
             (
                 *(name, one.component, one.verdict, one.stands, ", ".join(one.on)),

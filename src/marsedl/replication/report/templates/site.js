@@ -8,8 +8,10 @@ const claims = every("details.claim");
 const filter = () => {
   const show = form.elements.show.value, text = form.elements.text.value.trim().toLowerCase();
   for (const claim of claims) {
-    claim.hidden = (show && claim.dataset.group !== show) || !claim.textContent.toLowerCase().includes(text);
+    const found = `${claim.dataset.named} ${claim.textContent}`.toLowerCase().includes(text);
+    claim.hidden = (show && claim.dataset.group !== show) || !found;
   }
+  for (const fold of every("details.bound")) fold.open = Boolean((show || text) && fold.querySelector("details.claim:not([hidden])"));
   const left = claims.filter((claim) => !claim.hidden).length;
   form.querySelector("output").textContent = `${left} of ${claims.length} claims`;
 };
@@ -37,14 +39,15 @@ if (form) {
 
 // An address unfolds what it leads to; #show=numbers.differs and #text=mass filter the claims.
 const reveal = () => {
-  const hash = decodeURIComponent(location.hash.slice(1));
+  const hash = decodeURIComponent(location.hash.slice(1)), target = hash && document.getElementById(hash);
   if (form && hash.includes("=")) {
     const asked = new URLSearchParams(hash);
     ask(asked.get("show") || "", asked.get("text"));
     document.getElementById("claims").scrollIntoView();
     return;
   }
-  const target = hash && document.getElementById(hash);
+  // Claims, errata and inputs of a paper stand on its second page.
+  if (hash && !target && document.body.dataset.evidence) location.replace(document.body.dataset.evidence + location.hash);
   if (!target) return;
   if (form && target.closest("details.claim[hidden]")) ask("");
   for (let part = target.closest("details"); part; part = part.parentElement.closest("details")) part.open = true;
