@@ -69,8 +69,11 @@ def there(root: Path, slug: str) -> str:
 
 def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
     """What a paper has of each kind: a row for each item, its name first."""
+    from marsedl.replication.report.likeness import with_likeness
+
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
-    verdicts = {name: claim.verdict for name, claim in (project.verdicts(paper.slug) or {}).items()}
+    rows = project.verdicts(paper.slug) or {}
+    verdicts, paper = {name: claim.verdict for name, claim in rows.items()}, with_likeness(paper, rows)
     inputs = readings[CORRECTED].inputs
 
     def first_sentence(caption: str) -> str:
@@ -78,7 +81,10 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
 
     return {
         "readings": [(n, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for n, r in readings.items()],
-        "figures": [(stem, first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
+        "figures": [
+            (stem, one.likeness if rows else "–", first_sentence(one.caption), one.why if rows else "")
+            for stem, one in paper.figures.items()
+        ],
         "tables": [(stem, first_sentence(table.caption)) for stem, table in paper.tables.items()]
         + [("claims", "Every printed claim with its verdict (all readings)")],
         "stages": [(name, stage.meaning) for name, stage in paper.stages.items()],

@@ -1,7 +1,6 @@
 """The picture of a paper's headline claims: what is printed and what is found, on one axis."""
 
 import re
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.numbers import flatten
 from marsedl.replication.errors import InputError, nearest
 
+_WIDTH = 4.6  # inches: as wide as the column of a page in which it stands
 _ENDS = 100.0  # a measure further from its limit than this factor stands at the end of the axis
 
 
@@ -54,8 +54,8 @@ def headline_picture(rows: Iterable[Claim], beside: Mapping[str, Mapping[str, st
         if not row.is_statement and row.id not in drawn:
             panels.setdefault(f"Headline numbers, {row.unit}", []).append(bar_of(row.plain, row.id, by_id))
     limits = [limit_of(row) for row in headline if row.is_statement and row.result.margin]
-    heights = [0.9 + 0.42 * len(those) for those in (*panels.values(), *([limits] if limits else []))] or [1.0]
-    figure, axes = new_figure(7.2, sum(heights), nrows=len(heights), squeeze=False, height_ratios=heights)
+    heights = [0.75 + 0.56 * len(those) for those in (*panels.values(), *([limits] if limits else []))] or [1.0]
+    figure, axes = new_figure(_WIDTH, sum(heights), nrows=len(heights), squeeze=False, height_ratios=heights)
     for ax, (title, bars) in zip(axes[:, 0], panels.items(), strict=False):
         _draw_bars(ax, title, bars)
     if limits:
@@ -104,17 +104,17 @@ def _draw_bars(ax, title: str, bars: Sequence[Bar]) -> None:
         printed, found, error = (of / (np.abs(one.printed) if mixed else 1.0) for of in one[1:4])
         first = {"label": "printed"}, {"label": "ours"}
         if len(printed) == 1:
-            ax.plot([printed[0], found[0]], [k, k], color=GREY, lw=1.0, zorder=1)
-            ax.plot(printed, [k], "D", color=BLACK, ms=6, zorder=2, **first[0])
-            ax.errorbar(found, [k], xerr=error, fmt="o", color=BLUE, ms=5, capsize=3, zorder=3, **first[1])
+            ax.plot([printed[0], found[0]], [k + 0.05] * 2, color=GREY, lw=1.0, zorder=1)
+            ax.plot(printed, [k + 0.05], "D", color=BLACK, ms=6, zorder=2, **first[0])
+            ax.errorbar(found, [k + 0.05], xerr=error, fmt="o", color=BLUE, ms=5, capsize=3, zorder=3, **first[1])
         else:
-            ax.plot(printed, [k - 0.14] * len(printed), color=BLACK, lw=4, solid_capstyle="butt", **first[0])
+            ax.plot(printed, [k - 0.04] * len(printed), color=BLACK, lw=4, solid_capstyle="butt", **first[0])
             ax.plot(found, [k + 0.14] * len(found), color=BLUE, lw=4, solid_capstyle="butt", **first[1])
             ax.errorbar(found, [k + 0.14] * len(found), xerr=error, fmt="none", ecolor=SKY, capsize=3)
         texts = [" to ".join(f"{number:.4g}" for number in of) for of in (one.printed, one.found)]
         unit = "" if one.unit == "1" else f" {one.unit}"
-        _beside(ax, k, f"printed {texts[0]}{unit}\nours {texts[1]}{unit}")
-    _finish(ax, title, [(one.label, one.verdict) for one in bars])
+        _say(ax, k, one.label, one.verdict, f"printed {texts[0]}{unit}, ours {texts[1]}{unit}")
+    _finish(ax, title, len(bars))
     ax.set_xlabel("over what is printed" if mixed else bars[0].unit)
 
 
@@ -122,28 +122,32 @@ def _draw_limits(ax, limits: Sequence[Limit]) -> None:
     for k, one in enumerate(limits):
         place = np.clip(one.ratio, 1.0 / _ENDS, _ENDS)
         left, right = (1.0, 2.0 * _ENDS) if one.holds_above else (0.5 / _ENDS, 1.0)
-        ax.barh(k, right - left, left=left, height=0.62, color=SKY, alpha=0.3, label="it holds here")
+        ax.barh(k + 0.05, right - left, left=left, height=0.3, color=SKY, alpha=0.3, label="it holds here")
         marker = "o" if place == one.ratio else ">" if one.ratio > 1.0 else "<"
         error = [min(one.error, 0.9 * place)] if one.error else None
-        ax.errorbar([place], [k], xerr=error, fmt=marker, color=BLUE, ms=5, capsize=3, label="ours")
-        _beside(ax, k, one.text)
-    ax.axvline(1.0, color=BLACK, lw=1.2, label="limit")
+        ax.errorbar([place], [k + 0.05], xerr=error, fmt=marker, color=BLUE, ms=5, capsize=3, label="ours")
+        _say(ax, k, one.label, one.verdict, one.text)
+    rows = np.arange(len(limits))
+    ax.vlines(np.ones(len(limits)), rows - 0.12, rows + 0.22, color=BLACK, lw=1.5, label="limit")
     ax.set_xscale("log")
     ax.set_xlim(0.5 / _ENDS, 2.0 * _ENDS)
-    _finish(ax, "Statements, over their limits", [(one.label, one.verdict) for one in limits])
+    _finish(ax, "Statements, over their limits", len(limits))
 
 
-def _beside(ax, k: int, text: str) -> None:
-    ax.annotate(text.replace("^2", "²"), (1.01, k), xycoords=("axes fraction", "data"), fontsize=7.5, va="center")
+def _say(ax, k: int, label: str, verdict: str, numbers: str) -> None:
+    """Write what a row is, and below it its verdict and numbers."""
+    place = {"transform": ax.get_yaxis_transform(), "fontsize": 7.5, "va": "center", "in_layout": False}
+    ax.text(0.0, k - 0.52, label.rstrip("."), **place)
+    ax.text(0.0, k - 0.28, f"{verdict.replace('_', ' ')}: {numbers.replace('^2', '²')}", color="#555555", **place)
 
 
-def _finish(ax, title: str, rows: Sequence[tuple[str, str]]) -> None:
-    """Set the title, a legend, and the labels of all rows with their verdicts."""
-    texts = [textwrap.fill(f"{label.rstrip('.')}: {verdict.replace('_', ' ')}", 42) for label, verdict in rows]
-    ax.set_yticks(np.arange(len(rows)), texts, fontsize=7.5)
-    ax.set_ylim(len(rows) - 0.45, -0.55)
+def _finish(ax, title: str, count: int) -> None:
+    """Set the title, a legend, and room for the texts of all rows."""
+    ax.set_yticks([])
+    ax.set_ylim(count - 0.62, -0.72)
     ax.grid(visible=False, axis="y")
-    ax.set_title(title, loc="left", fontweight="bold")
+    ax.spines["left"].set_visible(False)
+    ax.set_title(title, loc="left", fontsize=8.5, fontweight="bold")
     handles = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    place = {"loc": "lower left", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0}
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
     ax.legend(handles.values(), handles.keys(), ncols=3, fontsize=7, handlelength=1.2, columnspacing=0.8, **place)

@@ -43,6 +43,9 @@ class Product:
     inputs: tuple[str, ...] = ()  # that it reads
     published: bool = False  # whether it shows printed values
     claims: tuple[str, ...] = ()  # ids of those that are about a figure of the paper
+    not_comparable: str = ""  # why nothing that the paper says of its figure can be tested
+    likeness: str = ""  # to the paper's own figure, see `report/likeness.py`
+    why: str = ""
 
 
 class Flown(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
@@ -38,6 +38,7 @@ class _Table(Keys):
 class _Figure(_Table):
     shows: Annotated[str, AfterValidator(_with_quotes)] = ""
     claims: tuple[Words, ...] = ()
+    not_comparable: Plain | Literal[""] = ""
 
 
 class _Erratum(Keys):
@@ -76,10 +77,15 @@ def with_texts(paper: Paper, path: Path) -> Paper:
     """
     document = read_yaml(path)
     texts = checked(_Texts, document, Place(str(path), document))
+    for stem, figure in texts.figures.items():
+        if bool(figure.claims) == bool(figure.not_comparable) and not figure.beyond and figure.shows:
+            remedy = "name the claims about it, or say under not_comparable why there are none"
+            raise InputError(f"{path}: figures.{stem}: {'has both' if figure.claims else 'no likeness'}; {remedy}")
     return replace(
         paper,
         figures={
-            stem: Product(figure.caption, figure.beyond, claims=figure.claims) for stem, figure in texts.figures.items()
+            stem: Product(figure.caption, figure.beyond, claims=figure.claims, not_comparable=figure.not_comparable)
+            for stem, figure in texts.figures.items()
         },
         described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
         tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
