@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import shutil
 import tempfile
 from pathlib import Path
 from pkgutil import walk_packages
@@ -61,11 +62,33 @@ _SECTION = re.compile(r"(?m)^(Args|Returns|Raises|Yields):$")
 _GENERATED = re.compile(r"(?m)^<!-- (modules|errata|words): (\S+) -->$")
 
 
-def modules(package):
-    """Return a section for every public module of a package, with its public names."""
+MODULES = ROOT / "docs" / "reference" / "modules"  # a page for each, written before the pages are read
+
+
+def names_of_modules(package):
+    """Return the names of all public modules of a package."""
     paths = [f"{path}/{package.rpartition('.')[2]}" for path in marsedl.__path__]
-    found = [module.name for module in walk_packages(paths, f"{package}.") if not module.ispkg]
-    return "\n\n".join(f"## {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```" for name in sorted(found))
+    return sorted(module.name for module in walk_packages(paths, f"{package}.") if not module.ispkg)
+
+
+def modules(package):
+    """Return the list of a package's modules, with links to their pages."""
+    return "\n".join(["```{toctree}", ":maxdepth: 1", "", *(f"modules/{n}" for n in names_of_modules(package)), "```"])
+
+
+def write_pages_of_modules(app):
+    """Write a page for every module of the packages that the reference lists."""
+    shutil.rmtree(MODULES, ignore_errors=True)
+    MODULES.mkdir()
+    for page in sorted(MODULES.parent.glob("*.md")):
+        for found in _GENERATED.finditer(page.read_text(encoding="utf-8")):
+            for name in names_of_modules(found[2]) if found[1] == "modules" else ():
+                (MODULES / f"{name}.md").write_text(f"# {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n")
+
+
+def only_described(app, what, name, thing, skip, options):
+    """Leave out fields of named tuples, which the docstring of their class describes."""
+    return True if type(thing).__name__ == "_tuplegetter" else None
 
 
 def errata(slug):
@@ -141,5 +164,7 @@ def formula(writer, node):
 def setup(app):
     """Connect the hooks and the writer of formulas; docstrings are taken before napoleon reads their sections."""
     app.add_html_math_renderer("mathml", (formula, None), (formula, None))
+    app.connect("builder-inited", write_pages_of_modules)
+    app.connect("autodoc-skip-member", only_described)
     app.connect("source-read", fill_page)
     app.connect("autodoc-process-docstring", plain_docstring, priority=400)

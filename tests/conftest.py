@@ -367,6 +367,8 @@ def small_project(folder: Path) -> Path:
     new_paper(folder, HOP, TITLE, AUTHORS, monte_carlo=False)
     with (folder / "data" / "published" / f"{HOP}.yaml").open("a", encoding="utf-8") as file:
         file.write("headline: [largest_thrust]\n")
+    with (folder / "src" / "marsedl" / "papers" / HOP / "texts.yaml").open("a", encoding="utf-8") as file:
+        file.write("found:\n  largest_thrust: The largest thrust is {largest_thrust:.1f}.\n")
     papers, comparison = folder / "src" / "marsedl" / "papers", folder / "src" / "marsedl" / "comparison"
     register = papers / "__init__.py"
     text, number = re.subn(r"(?s)SLUGS = \(.*?\)", f"SLUGS = {(GLIDE, HOP)}", register.read_text(encoding="utf-8"))

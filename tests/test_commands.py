@@ -42,6 +42,7 @@ STANDS_FOR = {  # what the pages write for anything, and one thing that it may s
 ELSEWHERE = [
     *("make *", ". .venv/bin/activate", "python bench/*", "python profiles/*", "pytest *", "uv *", "pip *", "git *"),
     *("podman *", "h5dump *", "scancel *", "scontrol *", "*tests/slurm/cluster.py *", "marsedl verify*"),
+    "marsedl compare *",  # tests/replication/checks/test_compare.py
     *("marsedl accept*", "marsedl readme", "snakemake --report *", "snakemake --unlock*", "snakemake --profile *"),
     *(
         "snakemake * --configfile own/mine.yaml *",

@@ -5,6 +5,7 @@ A command is one function, whose docstring is its help. What takes long to impor
 
 import argparse
 import contextlib
+import re
 import shlex
 import sys
 from functools import cached_property
@@ -81,7 +82,12 @@ def command_line() -> argparse.ArgumentParser:
     add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
     add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
-    add("what-if universe", "--json", action="store_true", help="write JSON")
+    add("what-if universe compare", "--json", action="store_true", help="write JSON")
+    add("compare", "paper", help="a paper, such as powered_descent")
+    what = "a reading, FOLDER:reading of another build, or universe:NUMBER"
+    add("compare", "mine", help=what)
+    add("compare", "other", nargs="?", default=CORRECTED, help=f"what it is compared with (default: {CORRECTED})")
+    add("compare", "-o", "--output", metavar="FILE", type=Path, help="the page (default: below build/compare)")
     add("universe", "number", type=int, help="its number in the table of universes")
     add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
     own = "with --reference: only this paper; can be repeated"
@@ -92,10 +98,10 @@ def command_line() -> argparse.ArgumentParser:
     add("new-paper", "--authors", default="Authors to be named", help="the paper's authors, in one line")
     add("new-paper", "--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
     size = f"use the build of this size, such as smoke (default: {FULL})"
-    add("list explain trial", "--size", metavar="NAME", help=size)
+    add("list explain trial compare", "--size", metavar="NAME", help=size)
     add("verify accept", "--size", metavar="NAME", help=f"with --reference: {size}")
     file = "a file with readings of your own, as for snakemake"
-    add("explain trial verify accept", "--configfile", metavar="FILE", type=Path, help=file)
+    add("explain trial verify accept compare", "--configfile", metavar="FILE", type=Path, help=file)
     return parser
 
 
@@ -137,6 +143,19 @@ class Project:
 
         path = self.folder / "report" / "claims.json"
         return read_claims(path) if path.exists() else None
+
+    @cached_property
+    def recipes(self):
+        """What all products are made from."""
+        from marsedl.comparison import comparisons
+        from marsedl.replication.pipeline.staleness import Recipes
+
+        catalogues = {slug: _catalogue(slug) for slug in self.studies}
+        return Recipes(self.root, catalogues, self.studies, comparisons(), self.size)
+
+    def check(self, products: list[str], command: str = "") -> None:
+        """Raise StaleError, which names the command to run, if products of this size are not up to date."""
+        self.recipes.check(products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
 
     def verdicts(self, slug: str) -> dict | None:
         """A paper's verdicts by the ids of its claims; None if none are built yet."""
@@ -292,6 +311,34 @@ def _what_if(options) -> int:
     return 0
 
 
+def _compare(options) -> int:
+    """Show what moved between a reading of yours and another one: inputs, verdicts, numbers and figures.
+
+    Also compares two builds or two universes. Writes a page with the figures side by side.
+    """
+    from marsedl.replication.checks import compare
+
+    paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
+    study, sides = project.studies[paper.slug], []
+    for name in (options.other, options.mine):
+        folder, colon, reading = name.rpartition(":")
+        if colon and folder != "universe":
+            sides.append(compare.side_of(reading, study, Path(folder))._replace(name=name))
+        else:
+            kind, suffix = ("universes", "h5") if colon else ("claims", "json")
+            project.check([f"report/{kind}/{paper.slug}.{suffix}"])
+            sides.append(compare.side_of(name, study, project.folder))
+    before, after = sides
+    changed = compare.changed_inputs(before, after)
+    moved = compare.moved_claims(before, after, project.published(paper.slug))
+    _say(*overview.compared(changed, moved, before.name, after.name, as_json=options.json))
+    names = "-".join(re.sub(r"\W+", "_", side.name) for side in (after, before))
+    path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
+    compare.write_page(path, paper, before, after, project.root)
+    print(f"wrote {path}", file=sys.stderr)
+    return 0
+
+
 def _universe(options) -> int:
     """Compute one universe of a paper again, and show its choices and what its claims give."""
     from marsedl.replication.universes.designs import numbered
@@ -355,21 +402,16 @@ def _up_to_date(options) -> tuple[Project, dict, Path | None]:
 
     Raises StaleError, with the command that helps, if claims or what they are made from are not up to date.
     """
-    from marsedl.comparison import comparisons
     from marsedl.papers import SLUGS
-    from marsedl.replication.pipeline.staleness import Recipes
 
     given = [name for name in ("paper", "size", "configfile") if getattr(options, name)]
     if given and options.reference is None:
         raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
     project = Project(options.size, options.configfile)
-    catalogues = {slug: _catalogue(slug) for slug in SLUGS}
-    recipes = Recipes(project.root, catalogues, project.studies, comparisons(), project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]
-    command = "all" if options.reference is None else " ".join(targets)
-    recipes.check(targets, project.folder, f"snakemake {command}{project.options}")
-    shared = {slug: recipes.shared[slug] for slug in papers}
+    project.check(targets, "all" if options.reference is None else "")
+    shared = {slug: project.recipes.shared[slug] for slug in papers}
     return project, shared, options.reference and options.reference.absolute()
 
 
@@ -408,6 +450,7 @@ COMMANDS = {
     "diff": _diff,
     "trial": _trial,
     "what-if": _what_if,
+    "compare": _compare,
     "universe": _universe,
     "verify": _verify,
     "accept": _accept,

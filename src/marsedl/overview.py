@@ -69,8 +69,11 @@ def there(root: Path, slug: str) -> str:
 
 def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
     """What a paper has of each kind: a row for each item, its name first."""
+    from marsedl.replication.report.likeness import with_likeness
+
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
-    verdicts = {name: claim.verdict for name, claim in (project.verdicts(paper.slug) or {}).items()}
+    rows = project.verdicts(paper.slug) or {}
+    verdicts, paper = {name: claim.verdict for name, claim in rows.items()}, with_likeness(paper, rows)
     inputs = readings[CORRECTED].inputs
 
     def first_sentence(caption: str) -> str:
@@ -78,7 +81,10 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
 
     return {
         "readings": [(n, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for n, r in readings.items()],
-        "figures": [(stem, first_sentence(figure.caption)) for stem, figure in paper.figures.items()],
+        "figures": [
+            (stem, one.likeness if rows else "–", first_sentence(one.caption), one.why if rows else "")
+            for stem, one in paper.figures.items()
+        ],
         "tables": [(stem, first_sentence(table.caption)) for stem, table in paper.tables.items()]
         + [("claims", "Every printed claim with its verdict (all readings)")],
         "stages": [(name, stage.meaning) for name, stage in paper.stages.items()],
@@ -165,6 +171,34 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
         for row in rows
     ]  # fmt: skip
     yield columns(table, 0, wrap=False)
+
+
+def compared(changed, rows, before: str, after: str, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moved between two readings, see `marsedl.replication.checks.compare`."""
+    if as_json:
+        yield json.dumps(
+            {"inputs": [one._asdict() for one in changed], "claims": [asdict(row) for row in rows]}, indent=1
+        )
+        return
+    yield f"inputs that differ, {before} -> {after}:"
+    yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
+    turned = [row for row in rows if row.turned]
+    yield f"verdicts that change: {len(turned)}"
+    if turned:
+        yield columns(
+            [(row.component, f"{row.verdict_before} -> {row.verdict_after}", _apart(row)) for row in turned], 2
+        )
+    rest = [row for row in rows if not row.turned]
+    shown = [row for row in rest if not row.sigmas < 1.0 and row.counts]
+    yield f"numbers that move beyond rounding and a standard error, with the same verdict: {len(shown)}"
+    if shown:
+        yield columns([(row.component, row.verdict_after, _apart(row)) for row in shown], 2, wrap=False)
+    yield f"numbers that move by less: {len(rest) - len(shown)}"
+
+
+def _apart(row) -> str:
+    apart = f", {row.sigmas:.1f} standard errors apart" if row.sigmas == row.sigmas else ""
+    return f"{row.before:.6g} -> {row.after:.6g}{apart}"
 
 
 def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:

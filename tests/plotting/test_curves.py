@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import same_color
 
-from marsedl.plotting.curves import bounds, plot, trials
+from marsedl.plotting.curves import bounds, plot, printed_mark, trials
 from marsedl.plotting.fields import Field
 from marsedl.plotting.style import BLUE, ORANGE, new_figure
 
@@ -73,3 +73,12 @@ def test_what_is_no_curve_is_refused():
     ):
         with pytest.raises(ValueError, match=message):
             refused()
+
+
+def test_what_is_printed_is_a_line_for_one_coordinate_and_crosses_for_two():
+    _, axes = new_figure()
+    printed_mark(axes, x=[1.0, 2.0])
+    printed_mark(axes, x=3.0, y=[4.0, 5.0], label=None)
+    assert [list(line.get_xdata()) for line in axes.lines] == [[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]
+    assert (list(axes.lines[2].get_ydata()), axes.lines[2].get_marker()) == ([4.0, 5.0], "x")
+    assert axes.get_legend_handles_labels()[1] == ["printed"]

@@ -10,6 +10,7 @@ rule paper_claims:
         claims="report/claims/{paper}.json",
         csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
         md="figures/{paper}/claims.md",
+        picture="figures/{paper}/headline.png",
     log:
         "logs/{paper}/claims.log",
     benchmark:

@@ -16,7 +16,8 @@ from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
-from marsedl.replication.report.pages import site_files, universe_pictures
+from marsedl.replication.report.pages import HEADLINE, site_files, universe_pictures
+from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
 
@@ -38,8 +39,10 @@ try:
     COMPARISONS = comparisons()
     MODELS = {slug: input_model(slug) for slug in SLUGS}
     STUDIES = load_studies(MODELS, ROOT, OWN_CONFIG, [from_start(path) for path in OWN_FILES])
+    HEADLINES = {slug: read_yaml(ROOT / f"data/published/{slug}.yaml").get("headline", ()) for slug in SLUGS}
     for slug, study in STUDIES.items():  # texts that quote numbers of a reading that there is not
         with_numbers(PAPERS[slug], Quotes(None, study.readings))
+        check_found(PAPERS[slug], HEADLINES[slug])
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 # Every size but the full one has a folder of its own, so that it never touches full results.
@@ -149,9 +152,7 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 # --- universes
 
 # Pictures of the universes of each paper, which has so many headlines.
-UNIVERSE_PICTURES = {
-    slug: universe_pictures(len(read_yaml(ROOT / f"data/published/{slug}.yaml").get("headline", ()))) for slug in SLUGS
-}
+UNIVERSE_PICTURES = {slug: universe_pictures(len(headline)) for slug, headline in HEADLINES.items()}
 
 
 def universe_chunks(folder, suffix):

@@ -2,6 +2,8 @@
 
 import sys
 
+from marsedl.plotting.headlines import headline_picture
+from marsedl.plotting.style import save_figure
 from marsedl.replication.claims.printed import load_measured, published_of
 from marsedl.replication.claims.rows import read_evaluations, unexplained, write_claims, write_table_of_claims
 from marsedl.replication.claims.verdicts import collect
@@ -19,3 +21,4 @@ with guarded(snakemake) as job:
         print(f"{job.paper}: claims that differ or fail without a reason: {', '.join(names)}", file=sys.stderr)
     write_claims(rows, output.claims)
     write_table_of_claims(rows, output.csv, output.md)
+    save_figure(headline_picture(rows, job.made["beside"]), output.picture)

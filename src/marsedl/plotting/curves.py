@@ -21,13 +21,17 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from marsedl.plotting.fields import Field, field
-from marsedl.plotting.style import BLACK, BLUE, GREY
+from marsedl.plotting.style import BLACK, BLUE, GREY, PURPLE
 
 TRIAL = {"color": BLUE, "linewidth": 0.4, "alpha": 0.6}
 OPAQUE = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85}  # behind text
 SHADE = 0.22  # opacity of a band
 OF_FIELD = ("unit", "name", "at", "x", "pieces")  # arguments of `field`; all others are matplotlib's
 _UNITS: WeakKeyDictionary = WeakKeyDictionary()  # by axis: the unit of the values that are drawn along it
+
+# What the paper prints is purple wherever it is drawn.
+PRINTED_LINE = {"color": PURPLE, "linewidth": 1.3, "linestyle": "-."}
+PRINTED_CROSS = {"color": PURPLE, "marker": "x", "markersize": 7, "markeredgewidth": 2, "linestyle": "none"}
 
 
 def plot(axes: Axes, source: Any, path: str = "", *, label: str | None = None, **how: Any) -> list[Line2D]:
@@ -116,6 +120,16 @@ def mark(*panels: Axes, x: Any = (), y: Any = (), label: str | None = None, **st
         for value in np.atleast_1d(y):
             axes.axhline(value, label=label, **style)
             label = None
+
+
+def printed_mark(axes: Axes, *, x: Any = (), y: Any = (), label: str | None = "printed", **style: Any) -> None:
+    """Mark what the paper prints: a line across the axes for one coordinate, crosses for two."""
+    places, values = np.atleast_1d(x), np.atleast_1d(y)
+    if places.size and values.size:
+        cross = PRINTED_CROSS | {"clip_on": False, "zorder": 5} | style
+        axes.plot(*np.broadcast_arrays(places, values), label=label, **cross)
+    else:
+        mark(axes, x=places, y=values, label=label, **PRINTED_LINE | style)
 
 
 def zero(*panels: Axes, **style: Any) -> None:

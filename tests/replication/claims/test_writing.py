@@ -16,10 +16,12 @@ from marsedl.replication.claims.writing import (
     Fails,
     check,
     claim,
+    doubtful,
     holds,
     measure,
     measured,
     provided,
+    whichever,
 )
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.sections import Inputs, Section, given
@@ -292,6 +294,25 @@ def test_what_goes_without_saying_is_told_only_where_it_is_not_met():
     assert holds(mass > 1, provided("it converges", True)).evidence == ("mass: 2 (above 1)",)
     statement = holds(mass > 1, provided("it converges", False))
     assert statement.value is False and statement.evidence[-1] == "it converges: no"
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn", "passed", "doubt"),
+    [
+        (5.0, 5.0, True, ""),
+        (1.0, 1.0, False, ""),
+        (5.0, 1.0, False, "the paper does not say which of these is meant"),
+    ],
+)
+def test_a_word_with_several_meanings_decides_only_where_they_agree(speed, turn, passed, doubt):
+    statement = holds(whichever(measure("speed", speed) > 3, measure("turn", turn) > 3))
+    assert (statement.value, "".join(one.why for one in statement.doubts)) == (passed, doubt)
+    assert statement.margin.measure == ("turn" if doubt else "speed")
+
+
+def test_what_is_doubtful_is_undetermined_unless_another_test_fails_for_certain():
+    assert [one.why for one in holds(measure("mass", 5.0) > 3, doubtful("than what?")).doubts] == ["than what?"]
+    assert holds(measure("mass", 1.0) > 3, doubtful("than what?")).doubts == ()
 
 
 def test_what_could_not_fail_is_refused():

@@ -22,7 +22,7 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
-from marsedl.plotting.curves import legend_below, legend_entry, mark, name_axes, plot, zero
+from marsedl.plotting.curves import PRINTED_CROSS, legend_below, legend_entry, mark, name_axes, plot, printed_mark, zero
 from marsedl.plotting.ellipses import probability_inside
 from marsedl.plotting.fields import field, printed_unit
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
@@ -114,9 +114,10 @@ def fig03b(gains: Gains, responses: Responses) -> Figure:
     return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), "narrow")
 
 
-def fig04(gains: Gains, responses: Responses) -> Figure:
+def fig04(gains: Gains, responses: Responses, published=None) -> Figure:
     """Position errors over time after a radius error at entry."""
-    return _histories(gains, responses, RADIUS, (NO_DOC, RESHAPED))
+    printed = {DOWNRANGE: published["fig04_nodoc_downrange_200m"].printed} if published else {}
+    return _histories(gains, responses, RADIUS, (NO_DOC, RESHAPED), printed)
 
 
 def fig05a(gains: Gains, responses: Responses) -> Figure:
@@ -124,9 +125,9 @@ def fig05a(gains: Gains, responses: Responses) -> Figure:
     return _bank_rates(gains, responses, RADIUS)
 
 
-def fig05b(gains: Gains, responses: Responses) -> Figure:
+def fig05b(gains: Gains, responses: Responses, published=None) -> Figure:
     """Bank angle with feedback, with and without the radius error."""
-    return _bank_angles(gains, responses, RADIUS)
+    return _bank_angles(gains, responses, RADIUS, published["fig05b_phase_times"].printed if published else ())
 
 
 def fig06a(gains: Gains, responses: Responses) -> Figure:
@@ -144,9 +145,9 @@ def fig07a(gains: Gains, responses: Responses) -> Figure:
     return _bank_rates(gains, responses, DOWNRANGE)
 
 
-def fig07b(gains: Gains, responses: Responses) -> Figure:
+def fig07b(gains: Gains, responses: Responses, published=None) -> Figure:
     """Bank angle with feedback, with and without the downrange error."""
-    return _bank_angles(gains, responses, DOWNRANGE)
+    return _bank_angles(gains, responses, DOWNRANGE, published["fig07b_phase_times"].printed if published else ())
 
 
 def fig08(gains: Gains, responses: Responses) -> Figure:
@@ -169,9 +170,10 @@ def fig10b(gains: Gains, responses: Responses) -> Figure:
     return _bank_angles(gains, responses, CROSSRANGE)
 
 
-def fig11(gains: Gains, responses: Responses) -> Figure:
+def fig11(gains: Gains, responses: Responses, published=None) -> Figure:
     """Position errors over time after a crossrange error at entry."""
-    return _histories(gains, responses, CROSSRANGE, (NO_DOC,))
+    printed = {CROSSRANGE: published["fig11_nofeedback_crossrange_1000m"].printed} if published else {}
+    return _histories(gains, responses, CROSSRANGE, (NO_DOC,), printed)
 
 
 def _sweep(gains, responses, channel, compared, sweep):
@@ -206,8 +208,11 @@ def _sweep(gains, responses, channel, compared, sweep):
     return figure
 
 
-def _histories(gains, responses, channel, compared):
-    """Position errors over time of laws and of the channel's own, for the error at entry that the figures have."""
+def _histories(gains, responses, channel, compared, printed=None):
+    """Position errors over time of laws and of the channel's own, for the error at entry that the figures have.
+
+    printed: final errors without feedback by component, as far as the paper prints them.
+    """
     figure, panels = new_figure(6.4, 6.2, nrows=3, sharex=True)
     curves = {
         (component, name): field(
@@ -229,7 +234,12 @@ def _histories(gains, responses, channel, compared):
                 label += f", ends at {end:.0f} s"
                 plot(axes, curve.where(slice(-1, None)), color=color, marker="o", markersize=4)
             plot(axes, curve, color=color, linestyle=style, label=label)
+        if component in (printed or ()):
+            end = curves[component, NO_DOC].x.values[-1]
+            printed_mark(axes, x=end, y=printed[component], label=None)
         _hold(axes, 3.0 * largest)
+    if printed:
+        legend_entry(panels[0], "printed, without feedback", **PRINTED_CROSS)
     panels[0].set_title(_perturbation(responses, channel))
     panels[-1].set_xlim(0, responses.time.max())
     legend_below(figure, panels[:1])
@@ -257,8 +267,11 @@ def _bank_rates(gains, responses, channel):
     return figure
 
 
-def _bank_angles(gains, responses, channel):
-    """Bank angle under the law of a channel, without and with the error at entry, and the difference."""
+def _bank_angles(gains, responses, channel, phases=()):
+    """Bank angle under the law of a channel, without and with the error at entry, and the difference.
+
+    phases: times at which the paper divides the response.
+    """
     figure, (angle, difference) = new_figure(6.4, 4.8, nrows=2, sharex=True, height_ratios=(1.6, 1))
     number = _number(gains, channel)
     nominal, perturbed = (
@@ -271,6 +284,8 @@ def _bank_angles(gains, responses, channel):
     for axes in (angle, difference):
         zero(axes, color=GREY)
         _mark_reversals(axes, responses, number)
+        if len(phases):
+            printed_mark(axes, x=phases, label="phases, printed" if axes is angle else None)
     angle.set_title(_perturbation(responses, channel))
     difference.set_xlim(responses.time[number, [0, -1]])
     legend_below(figure, [angle])

@@ -14,7 +14,7 @@ from marsedl.papers.powered_descent.records import (
     Gains,
     Nominal,
 )
-from marsedl.plotting.curves import legend_below, legend_entry, mark, plot, trials, zero
+from marsedl.plotting.curves import legend_below, legend_entry, mark, plot, printed_mark, trials, zero
 from marsedl.plotting.ellipses import ellipse, probability_inside
 from marsedl.plotting.fields import field
 from marsedl.plotting.forms import covariance_ellipse, predicted_against_sampled
@@ -125,12 +125,14 @@ def fig03(drawing: Drawing, gains: Gains, closed_loop: FlightEnsemble, open_loop
     return figure
 
 
-def fig04(mission: Mission, closed_loop: FlightEnsemble, gains: Gains) -> Figure:
-    """State components of a selection of closed-loop trials over time."""
+def fig04(mission: Mission, closed_loop: FlightEnsemble, gains: Gains, published=None) -> Figure:
+    """State components of a selection of closed-loop trials over time; published: to mark the final means of Eq. 54."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
     for component, axes in zip(MOTION.names, panels.flat, strict=True):
         trials(axes, closed_loop, f"kept_history.{component}")
         plot(axes, gains, f"mean.{component}", label="mean of the design", **MEAN)
+    for axes, value in zip(panels.flat, published["mc_final_mean"].printed if published else (), strict=False):
+        printed_mark(axes, x=gains.time[-1], y=value, label="final mean, printed")
     mark(*panels.flat, x=mission.segment_durations[0])
     panels[0, 0].set_xlim(0, gains.time[-1])
     legend_below(figure, panels[0, :1])
@@ -154,18 +156,10 @@ def fig05(mission: Mission, closed_loop: FlightEnsemble, nominal: Nominal, publi
     mark(masses, difference, x=mission.segment_durations[0])
     if published:
         printed_mean, printed_prior = (published[id].printed for id in ("mc_mean_final_mass", "prior_final_mass"))
-        printed = {
-            "color": VERMILION,
-            "marker": "x",
-            "markersize": 6,
-            "linestyle": "none",
-            "clip_on": False,
-            "zorder": 5,
-        }
         end = nominal.time[-1]
-        masses.plot(end, printed_mean, **printed, label=f"mean, as printed: {printed_mean:,} kg")
-        masses.plot(end, printed_prior, **printed | {"color": BLACK}, label=f"prior, as printed: {printed_prior:,} kg")
-        difference.plot(end, printed_mean - printed_prior, **printed)
+        printed_mark(masses, x=end, y=printed_mean, label=f"mean, printed: {printed_mean:,} kg")
+        printed_mark(masses, x=end, y=printed_prior, label=f"prior, printed: {printed_prior:,} kg", marker="+")
+        printed_mark(difference, x=end, y=printed_mean - printed_prior, label=None)
     for axes in (masses, difference):
         axes.set(xlim=(0, nominal.time[-1]))
     legend_below(figure, (masses, difference))

@@ -33,6 +33,7 @@ from marsedl.papers.random_field.records import (
 )
 from marsedl.plotting.curves import (
     OPAQUE,
+    PRINTED_LINE,
     SHADE,
     bounds,
     legend_below,
@@ -40,6 +41,7 @@ from marsedl.plotting.curves import (
     mark,
     note,
     plot,
+    printed_mark,
     trials,
 )
 from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
@@ -647,8 +649,12 @@ def fig11(gains: Gains) -> Figure:
     return figure
 
 
-def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
-    """Delta-v of the open loop and of every iteration: flights, and the normal density of linear covariance."""
+def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble, published=None) -> Figure:
+    """Delta-v of the open loop and of every iteration: flights, and the normal density of linear covariance.
+
+    published: to mark the printed 99th percentiles, without feedback and of the last iteration.
+    """
+    printed = {0: "acap_dv_p99_open", len(gains.control) - 1: "acap_dv_p99_closed"} if published else {}
     numbers = [0, *(number for number, _ in _iterations(gains))]
     figure, panels = _grid(len(numbers), 7.4, 2.5)
     window = drawing.delta_v_window
@@ -659,7 +665,12 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure
         if number == 0:
             reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else window
             limits = min(reach[0], 0.95 * window[0]), max(reach[1], 1.05 * window[1])
+        if number in printed:
+            value = published[printed[number]].printed
+            limits = min(limits[0], value - 5.0), max(limits[1], value + 5.0)
         _densities_of_delta_v(axes, gains, number, delta_v, limits)
+        if number in printed:
+            _mark_below_remarks(axes, value, limits, **PRINTED_LINE)
         axes.set_title(f"({'abcdefghijklmnop'[place]}) {_law(number)}")
         if number == 0:
             _mark_below_remarks(axes, window, limits, color=BLACK, linestyle="--")
@@ -670,20 +681,24 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure
         (BLUE, 1.4, "-", "their 99th percentile"),
         (BLACK, 1.2, "-", "linear covariance"),
         (BLACK, 1.4, ":", "its 99th percentile"),
-        (BLACK, 0.8, "--", "range of the other panels"),
+        *([(PRINTED_LINE["color"], 1.3, "-.", "printed 99th percentile")] if printed else []),
+        *([(BLACK, 0.8, "--", "range of the other panels")] if len(panels) > 1 else []),
     )
-    for color, width, style, label in entries[: 5 if len(panels) > 1 else 4]:
+    for color, width, style, label in entries:
         legend_entry(panels[0], label, color=color, linewidth=width, linestyle=style)
-    legend_below(figure, [panels[0]], columns=5)
+    legend_below(figure, [panels[0]], columns=3)
     return figure
 
 
-def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains) -> Figure:
+def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains, published=None) -> Figure:
     """Mean control of every iteration, with three standard deviations that the design allots to the feedback."""
     figure, axes = new_figure(7.2, 4.0)
     _limits_of_control(axes, vehicle, label="limits")
     peak = nominal.time_of_largest_dynamic_pressure
     mark(axes, x=peak, linewidth=1.2, label=f"largest dynamic pressure, {peak:.1f} s")
+    if published:
+        time = published["acap_time_max_q"].printed
+        printed_mark(axes, x=time, label=f"the same, printed: {time} s")
     iterations = _iterations(gains)
     starts, lengths = gains.partition[:-1], np.diff(gains.partition)
     for place, (number, color) in enumerate(iterations):

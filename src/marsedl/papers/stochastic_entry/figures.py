@@ -27,7 +27,18 @@ from marsedl.papers.stochastic_entry.records import (
     by_case,
     errors,
 )
-from marsedl.plotting.curves import bounds, legend_below, legend_entry, mark, note, plot, trials, zero
+from marsedl.plotting.curves import (
+    PRINTED_CROSS,
+    bounds,
+    legend_below,
+    legend_entry,
+    mark,
+    note,
+    plot,
+    printed_mark,
+    trials,
+    zero,
+)
 from marsedl.plotting.ellipses import ellipse
 from marsedl.plotting.fields import Field, field, sigma_bounds
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
@@ -39,6 +50,7 @@ LAW_NAME = {"apollo": "Apollo", "stochastic": "stochastic"}
 CASE_COLOR = {"apollo_time": BLUE, "apollo_velocity": SKY, "stochastic_time": VERMILION, "stochastic_velocity": ORANGE}
 UNITS = {"altitude": "km", "velocity": "m/s", "flight_path_angle": "deg", "downrange": "km", "crossrange": "km"}
 IN_LINEAR_MODEL = {"altitude": "radius", **{name: name for name in ("velocity", "flight_path_angle", "downrange")}}
+TABULATED = {"flight_path_angle": "gamma", **{name: name for name in ("altitude", "velocity", "downrange")}}  # Table 4
 ELLIPSE_PROBABILITY = 0.9973  # of Fig. 13
 LEVELS = (0.001, 0.999)  # of the range errors that the histograms show
 LEAST_SHARE = 0.005  # of the trials, for a number of reversals to have its own histogram
@@ -278,10 +290,18 @@ def fig08(linearization: Linearization, gains: Gains, nominal: Nominal) -> Figur
 
 
 def fig09(
-    drawing: Drawing, nominal: Nominal, gains: Gains, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble
+    drawing: Drawing,
+    nominal: Nominal,
+    gains: Gains,
+    apollo_time: FlightEnsemble,
+    stochastic_time: FlightEnsemble,
+    published=None,
 ) -> Figure:
-    """Errors over time with the fixed final time: trials, and three standard deviations measured and predicted."""
-    return _errors_over_time(drawing, nominal, gains, "time", (apollo_time, stochastic_time))
+    """Errors over time with the fixed final time: trials, and three standard deviations measured and predicted.
+
+    published: to mark the final percentiles of Table 4.
+    """
+    return _errors_over_time(drawing, nominal, gains, "time", (apollo_time, stochastic_time), published)
 
 
 def fig10(nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble) -> Figure:
@@ -306,9 +326,10 @@ def fig11(
     gains: Gains,
     apollo_velocity: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
+    published=None,
 ) -> Figure:
-    """Errors over time until the velocity trigger, as long as enough trials fly."""
-    return _errors_over_time(drawing, nominal, gains, "velocity", (apollo_velocity, stochastic_velocity))
+    """Errors over time until the velocity trigger, as long as enough trials fly; published: as of `fig09`."""
+    return _errors_over_time(drawing, nominal, gains, "velocity", (apollo_velocity, stochastic_velocity), published)
 
 
 def fig12(
@@ -555,7 +576,7 @@ def _stretches(values, chosen):
     return f"{', '.join(first_ranges)} and {last}" if first_ranges else last
 
 
-def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger, ensembles) -> Figure:
+def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger, ensembles, published) -> Figure:
     """Five rows of errors against time, a column for each law."""
     figure, panels = new_figure(7.4, 9.2, nrows=len(UNITS), ncols=2, sharex=True, sharey="row")
     some_ended = False
@@ -581,6 +602,9 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
                 spread = _predicted_deviation(gains, law, trigger, component)
                 predicted = spread.of(-3 * spread.values), spread.of(3 * spread.values)
                 bounds(axes, *predicted, color=BLACK, linewidth=1.1, linestyle="--")
+            if published and component in TABULATED:
+                percentiles = published[f"tab4_{TABULATED[component]}_{law}_{trigger}"].printed
+                printed_mark(axes, x=nominal.end_time, y=percentiles, label=None)
             axes.set_xlim(0, nominal.end_time)
             _note_if_empty(axes, measured[0].values)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
@@ -593,7 +617,9 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
         legend_entry(first, "the same of those still flying", color=GREY, **STILL_FLYING)
     legend_entry(first, r"$\pm 3 \sigma$, linear covariance", color=BLACK, linewidth=1.1, linestyle="--")
     mark(first, x=nominal.alignment_time, label=ALIGNMENT)
-    legend_below(figure, [first], columns=3 if some_ended else 4)
+    if published:
+        legend_entry(first, "printed: 1st and 99th percentiles", **PRINTED_CROSS)
+    legend_below(figure, [first], columns=3)
     return figure
 
 

@@ -1,10 +1,11 @@
 """Numbers that texts quote by name: `{claim:.2f} kg`, `{reading.claim:.2f}`, `{claim.number:.1%}`, `{claim[0]:.1f}`.
 
 A quote names a claim, after a reading unless it is that of the text. A name behind the claim is another number of it:
-`printed`, `standard_error`, `trials`, `margin` (the measure that decides) or one that the claim's function names. In
-the reason of a claim the claim itself is left out: `{value:.2f}`, `{number:.2f}`, `{reading.number:.2f}`. Entries of a
-vector count from 0. The format is Python's; `%` makes a share 98.2 %. A number that this build does not have is a dash.
-Literal braces are doubled. Nothing is calculated: what a text needs is a number that the claim's function names.
+`printed`, `standard_error`, `trials`, `margin` (the measure that decides, with `margin.limit`, `margin.standard_error`)
+or one that the claim's function names. In the reason of a claim the claim itself is left out: `{value:.2f}`,
+`{number:.2f}`, `{reading.number:.2f}`. Entries of a vector count from 0. The format is Python's; `%` makes a share
+98.2 %. A number that this build does not have is a dash. Literal braces are doubled. Nothing is calculated: what a text
+needs is a number that the claim's function names.
 """
 
 import json
@@ -106,22 +107,28 @@ class Quotes:
     @cached_property
     def _names(self) -> Mapping[str, Quoted]:
         if self.claims is None:
-            claims = defaultdict(lambda: Quoted(None, defaultdict(Quoted)))
+            claims = defaultdict(lambda: Quoted(None, _absent()))
             return defaultdict(claims.default_factory, {name: Quoted(None, claims) for name in self.readings})
         readings = {*self.readings, self.reading}
         of = {reading: Names({row.id: _numbers(row, reading) for row in self.claims}) for reading in readings}
         return Names({name: Quoted(None, claims) for name, claims in of.items()} | of[self.reading])
 
 
+def _absent() -> defaultdict[str, Quoted]:
+    """What can be quoted of a claim that has no numbers."""
+    return defaultdict(Quoted, {"margin": Quoted(None, defaultdict(Quoted))})
+
+
 def _numbers(row: Claim, reading: str) -> Quoted:
     """What can be quoted of a claim; a number that only another reading has is a dash."""
     result, printed = row.readings.get(reading), {"printed": row.printed}
     if result is None or result.verdict is None:
-        return Quoted(None, defaultdict(Quoted, printed))
+        return Quoted(None, _absent() | printed)
     numbers = {name: None for other in row.readings.values() for name in other.numbers}
     own = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
-    margin = result.margin and result.margin.value
-    return Quoted(result.value, Names(numbers | result.numbers | own | printed | {"margin": margin}))
+    margin = result.margin and {name: getattr(result.margin, name) for name in ("value", "limit", "standard_error")}
+    of_margin = Quoted(margin and margin["value"], Names(margin) if margin else defaultdict(Quoted))
+    return Quoted(result.value, Names(numbers | result.numbers | own | printed | {"margin": of_margin}))
 
 
 class Committed(dict):
@@ -176,5 +183,5 @@ def with_numbers(paper: Paper, quotes: Quotes | Mapping[str, str]) -> Paper:
                 texts = {key: getattr(of, key) for key in ("printed", "evidence", "used")}
                 return replace(of, **filled(texts, f"{where}.{of.id}"))
 
-    names = ("figures", "tables", "described", "errata", "in_short")
+    names = ("figures", "tables", "described", "errata", "in_short", "found")
     return replace(paper, **{name: filled(getattr(paper, name), f"{paper.slug}: {name}") for name in names})

@@ -201,6 +201,21 @@ def provided(sentence: str, passed: object) -> Test:
     return Test(True, "") if test.passed else test
 
 
+def doubtful(why: str) -> Test:
+    """Return the test that passes and leaves its statement undetermined, unless another one fails for certain."""
+    return Test(True, "", Doubt(why=why))
+
+
+def whichever(*tests: Test) -> Test:
+    """Return the test of a word that can mean several things: it is in doubt if these disagree."""
+    passed, sentence = all(test.passed for test in tests), "; ".join(test.sentence for test in tests)
+    doubt = next((test.doubt for test in tests if test.doubt), None)
+    if not passed and any(test.passed for test in tests):
+        doubt = Doubt(why="the paper does not say which of these is meant")
+    margin = next((test.margin for test in tests if test.passed == passed), None)
+    return Test(passed, sentence, doubt, max(test.more for test in tests), margin)
+
+
 def listed(values: object, form: str = ".3f") -> str:
     """Return a number, or numbers with commas between them, for a sentence; "none" stands for what is not finite."""
     return ", ".join(f"{value:{form}}" if np.isfinite(value) else "none" for value in np.atleast_1d(values))

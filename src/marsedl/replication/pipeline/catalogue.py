@@ -43,6 +43,9 @@ class Product:
     inputs: tuple[str, ...] = ()  # that it reads
     published: bool = False  # whether it shows printed values
     claims: tuple[str, ...] = ()  # ids of those that are about a figure of the paper
+    not_comparable: str = ""  # why nothing that the paper says of its figure can be tested
+    likeness: str = ""  # to the paper's own figure, see `report/likeness.py`
+    why: str = ""
 
 
 class Flown(NamedTuple):
@@ -95,7 +98,8 @@ class Paper:
     `tables` exist for every reading. `described` says in our words what each figure of the paper shows and what the
     paper finds in it; captions say what is drawn here.
     `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
-    that shows it.
+    that shows it; `found` says of each headline claim, by its id, what came out. `beside` are further printed numbers
+    in the picture of the headline claims: panels by title, and claims by label in each ("claim", or "claim[0]").
     `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
     compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
@@ -115,6 +119,8 @@ class Paper:
     question: str = ""
     in_short: tuple[str, ...] = ()
     picture: str = ""
+    found: dict[str, str] = field(default_factory=dict)
+    beside: dict[str, dict[str, str]] = field(default_factory=dict)
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()
     measured: bool = False

@@ -74,7 +74,8 @@ class Recipes:
         """Return all figures and tables of a paper that `snakemake all` makes."""
         catalogue = self.papers[paper]
         kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, "claims"], "csv md")
-        return [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
+        made = [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
+        return [*made, f"figures/{paper}/headline.png"]
 
     def compared(self) -> list[str]:
         """Return all figures and tables of the comparison across papers."""
@@ -137,7 +138,7 @@ class Recipes:
                 return self._comparison(stem)
             case _, paper, "universes", _:
                 return self._what_decides(paper)
-            case _, paper, "claims.csv" | "claims.md":
+            case _, paper, "claims.csv" | "claims.md" | "headline.png":
                 return self._claims(paper)
             case _, paper, *reading, _:
                 return self._product(paper, reading[0] if reading else CORRECTED, stem)
@@ -190,7 +191,8 @@ class Recipes:
         }
         needs = [*self.cache(paper), f"report/points/{paper}.json"]
         job = f"report/claims/{paper}", needs, "claims.py", *self._claims_entries(paper)
-        return self._made(*job, judged=judged, **self._judging(paper, study.built))
+        beside = self.papers[paper].beside
+        return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
 
     def _evaluated(self, paper: str) -> list[str]:
         """A paper's claims and all stages, for claims that are evaluated in memory."""

@@ -26,6 +26,7 @@ from marsedl.replication.report.assembly import PaperReport, different
 from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
+from marsedl.replication.report.likeness import LIKENESSES, with_likeness
 from marsedl.replication.report.pictures import picture
 from marsedl.replication.universes.designs import DESIGNS, SPACE_FILLING
 from marsedl.replication.universes.joint import answer, joint
@@ -37,7 +38,7 @@ COMPARISON = "comparison"  # the page of all papers together, and its folder
 _OTHER_PAGES = ("index", COMPARISON, "about")
 _PROVENANCE, _ZIP = "provenance.csv", "report.zip"
 _BARS = 10  # values of choices that are drawn
-HEADLINE = "headline"  # the figure that draws what is printed and what is found on one axis
+HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
 UNIVERSES = "universes"  # the folder of a paper's pictures of them
 
 
@@ -104,6 +105,8 @@ def build_site(
     for shown in (*entries, together):
         files |= {f"pictures/{one.place}.png": one.content.content for one in shown["figures"].values()}
         slug = shown["paper"].slug
+        if one := shown["picture"]:
+            files[f"pictures/{one.place}.png"] = one.content.content
         files |= {f"pictures/{slug}/{name}.png": one.content for name, _, one in shown["universes"]}
     files[_ZIP] = _zipped(files)
     for name, content in files.items():
@@ -140,6 +143,7 @@ def _templates() -> Any:
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
     templates.globals |= {"kinds": VERDICTS_OF, "standing": STANDING_VERDICTS, "terms": words(), "default": CORRECTED}
+    templates.globals["likenesses"] = LIKENESSES
     return templates
 
 
@@ -204,9 +208,17 @@ def _shown(
     }
 
 
+def _headline(paper: Paper, root: Path) -> Shown:
+    """The picture of a paper's headline claims."""
+    caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
+    content = picture(root / paper.slug / f"{HEADLINE}.png")
+    return Shown(f"{paper.slug}/{HEADLINE}", HEADLINE, Product(caption, beyond=True), content)
+
+
 def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
-    paper, rows = report.catalogue, report.claims
+    rows = report.claims
+    paper = with_likeness(report.catalogue, {row.id: row for row in rows})
     if paper.picture and paper.picture not in paper.figures:
         raise InputError(f"report: {paper.slug}: the picture {paper.picture!r} is none of its figures")
     deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
@@ -246,7 +258,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "open": deciding.open(),
         **_universes(report, root),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "picture": figures.get(HEADLINE) or figures.get(paper.picture),
+        "picture": _headline(paper, root) if paper.slug != COMPARISON else None,
         "figures": figures,
         "tables": tables,
     }

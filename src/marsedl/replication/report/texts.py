@@ -1,15 +1,17 @@
 """The words of a paper that are not computed, from its `texts.yaml`: captions, what its figures show, errata."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
 from marsedl.replication.claims.quotes import quotes_in
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs.messages import Keys, Place, checked
 from marsedl.replication.inputs.yaml_file import read_yaml
-from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
+from marsedl.replication.pipeline.catalogue import TEXTS, Erratum, Paper, Product
 
 
 def _with_quotes(text: str) -> str:
@@ -36,6 +38,7 @@ class _Table(Keys):
 class _Figure(_Table):
     shows: Annotated[str, AfterValidator(_with_quotes)] = ""
     claims: tuple[Words, ...] = ()
+    not_comparable: Plain | Literal[""] = ""
 
 
 class _Erratum(Keys):
@@ -58,6 +61,8 @@ class _Texts(Keys):
     question: Plain = ""
     in_short: tuple[Text, ...] = ()
     picture: str = ""
+    found: dict[str, Text] = Field({})
+    beside: dict[Plain, dict[Plain, Plain]] = Field({})
 
 
 class _Compared(Keys):
@@ -72,10 +77,15 @@ def with_texts(paper: Paper, path: Path) -> Paper:
     """
     document = read_yaml(path)
     texts = checked(_Texts, document, Place(str(path), document))
+    for stem, figure in texts.figures.items():
+        if bool(figure.claims) == bool(figure.not_comparable) and not figure.beyond and figure.shows:
+            remedy = "name the claims about it, or say under not_comparable why there are none"
+            raise InputError(f"{path}: figures.{stem}: {'has both' if figure.claims else 'no likeness'}; {remedy}")
     return replace(
         paper,
         figures={
-            stem: Product(figure.caption, figure.beyond, claims=figure.claims) for stem, figure in texts.figures.items()
+            stem: Product(figure.caption, figure.beyond, claims=figure.claims, not_comparable=figure.not_comparable)
+            for stem, figure in texts.figures.items()
         },
         described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
         tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
@@ -83,7 +93,18 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         question=texts.question,
         in_short=texts.in_short,
         picture=texts.picture,
+        found=texts.found,
+        beside=texts.beside,
     )
+
+
+def check_found(paper: Paper, headline: Collection[str]) -> None:
+    """Raise InputError unless the texts of a paper say of each headline claim, and of no other one, what came out."""
+    where = f"src/marsedl/papers/{paper.slug}/{TEXTS}: found"
+    if other := sorted(paper.found.keys() - set(headline)):
+        raise InputError(f"{where}: '{other[0]}' is no headline claim; {nearest(other[0], headline)}")
+    if missing := [name for name in headline if name not in paper.found]:
+        raise InputError(f"{where}: nothing on the headline claim '{missing[0]}'; write a clause with its numbers")
 
 
 def comparison_texts(path: Path) -> dict[str, tuple[str, str]]:

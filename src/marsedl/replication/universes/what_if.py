@@ -30,9 +30,19 @@ class Moved:
     sentence: str = ""
 
     @property
+    def turned(self) -> bool:
+        """Whether the verdict changes."""
+        return self.verdict_before != self.verdict_after
+
+    @property
+    def sigmas(self) -> float:
+        """How many standard errors the two numbers are apart; NaN without any."""
+        return abs(self.after - self.before) / self.error if self.error > 0.0 else math.nan
+
+    @property
     def counts(self) -> bool:
         """Whether the verdict changes, or the number by more than its error."""
-        return self.verdict_before != self.verdict_after or self.size > 1.0
+        return self.turned or self.size > 1.0
 
 
 def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object], dict[str, object]]:
@@ -71,7 +81,7 @@ def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapp
         for label, index in components_of(evaluator.published[name])
     ]
     counting = [one for one in moved if one.counts]
-    return sorted(counting, key=lambda one: (one.verdict_before == one.verdict_after, -np.nan_to_num(one.size)))
+    return sorted(counting, key=lambda one: (not one.turned, -np.nan_to_num(one.size)))
 
 
 def _runs(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> tuple[Run, Run]:

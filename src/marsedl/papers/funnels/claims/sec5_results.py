@@ -9,7 +9,7 @@ from marsedl.papers.funnels.inputs import Planet, Recursion, Vehicle
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, Linearization
 from marsedl.replication.claims.counterexamples import in_reading, replaced, scaled
 from marsedl.replication.claims.thresholds import MUCH, ROUNDING
-from marsedl.replication.claims.writing import check, claim, holds, measure
+from marsedl.replication.claims.writing import check, claim, holds, measure, whichever
 from marsedl.replication.claims.writing import measured as result
 from marsedl.replication.units import DEGREE
 
@@ -103,8 +103,10 @@ def end_high_velocity_changes(planet: Planet, vehicle: Vehicle, linearization: L
     )
     within = f"in the last {100 * END:g} % of the time"
     return holds(
-        (measure(f"largest rate of the velocity {within}", end, "g") > most)
-        | (measure(f"largest rate of the flight path angle {within}", turn_end, "deg/s") > turn_most),
+        whichever(
+            measure(f"largest rate of the velocity {within}", end, "g") > most,
+            measure(f"largest rate of the flight path angle {within}", turn_end, "deg/s") > turn_most,
+        ),
         turn_end=turn_end,
     )
 

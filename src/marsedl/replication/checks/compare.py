@@ -1,0 +1,168 @@
+"""What moved between two readings, builds or universes of a paper: inputs, verdicts, numbers and figures."""
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from marsedl.replication.claims.claim import Claim
+from marsedl.replication.claims.numbers import broadcast, flatten
+from marsedl.replication.claims.printed import PublishedClaim, load_published
+from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.files import write_text
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.choices import in_words
+from marsedl.replication.inputs.readings import Study
+from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.records import store
+from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit, size_of_change
+from marsedl.replication.universes.what_if import Moved
+
+_UNIVERSE = "universe:"
+_TEMPLATE = Path(__file__).with_name("compare.html.j2")
+
+
+class Side(NamedTuple):
+    """One of the two that are compared: inputs or choices as they are written, and what the claims give."""
+
+    name: str
+    inputs: Mapping[str, str]
+    verdicts: Mapping[str, str]
+    numbers: Mapping[str, tuple[float, float, float]]  # value, error and limit by component, such as "mean[1]"
+    figures: Path | None = None
+
+
+class Changed(NamedTuple):
+    """An input that differs."""
+
+    name: str
+    before: str
+    after: str
+
+
+def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
+    """Return a reading of a build.
+
+    Args:
+        name: of the reading, or of a named point.
+        study: of the paper.
+        rows: the paper's claims of the build.
+        figures: the folder of the paper's figures.
+
+    Raises InputError if there is no such reading, or if its claims are not built.
+    """
+    if name not in study.readings:
+        raise InputError(f"{study.paper} has no reading '{name}'; {nearest(name, study.readings)}")
+    results = {row.id: row.readings[name] for row in rows if name in row.readings and row.readings[name].verdict}
+    if not results:
+        raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
+    numbers = {}
+    for row in rows:
+        if (one := results.get(row.id)) is None:
+            continue
+        if row.is_statement:
+            margin = one.margin
+            found = {(): (margin.value, margin.standard_error or 0.0, margin.limit)} if margin else {}
+        else:
+            values, printed = flatten(one.value), flatten(row.printed)
+            errors = broadcast(one.standard_error, values)
+            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if _is_number(values.get(at))}
+        numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
+    inputs = {key: source.written for key, source in study.readings[name].sources.items()}
+    place = figures if name == CORRECTED else figures / name
+    return Side(name, inputs, {name: one.verdict for name, one in results.items()}, numbers, place)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def of_universe(number: int, study: Study, path: Path) -> Side:
+    """Return a universe of a build; path: the table of universes. Raises InputError if it is not there."""
+    if not path.exists():
+        raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
+    table = store.load(path, Universes, paper=study.paper)
+    places = np.flatnonzero(table.number == number)
+    if not places.size:
+        raise InputError(
+            f"{path} has no universe {number}; its numbers begin with {', '.join(map(str, table.number[:3]))}"
+        )
+    at = int(places[0])
+    values = {name: f"{value:.4g}" if isinstance(value, float) else str(value)
+              for name, value in decoded(study.choices, table.assignment[at]).items()}  # fmt: skip
+    of = zip(table.component, table.value[at], table.error[at], table.limit[at], strict=True)
+    verdicts = {str(name): VERDICTS[code] for name, code in zip(table.claim, table.verdict[at], strict=True)}
+    numbers = {str(label): (float(v), float(e), float(m)) for label, v, e, m in of if math.isfinite(v)}
+    return Side(f"universe {number}", values, verdicts, numbers)
+
+
+def changed_inputs(before: Side, after: Side) -> list[Changed]:
+    """Return the inputs, or choices, that differ."""
+    names = dict.fromkeys([*before.inputs, *after.inputs])
+    pairs = [Changed(name, before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names]
+    return [one for one in pairs if one.before != one.after]
+
+
+def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
+    """Return what moves of the claims that both evaluate: verdicts first, then by standard errors."""
+    nothing, found = (math.nan, 0.0, math.nan), []
+    for claim in published:
+        old, new = before.verdicts.get(claim.id, "none"), after.verdicts.get(claim.id, "none")
+        numbers = []
+        for label, index in components_of(claim) if "none" not in (old, new) else ():
+            a, b = before.numbers.get(label, nothing), after.numbers.get(label, nothing)
+            size = size_of_change(a, b, half_digit(claim, index))
+            if old != new or size > 0.0:
+                numbers.append(Moved(claim.id, label, a[0], b[0], math.hypot(a[1], b[1]), old, new, size))
+        numbers.sort(key=_largest_first)
+        found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
+    return sorted(found, key=_largest_first)
+
+
+def _largest_first(one: Moved) -> tuple:
+    return not one.turned, -np.nan_to_num(one.sigmas), -np.nan_to_num(one.size)
+
+
+def side_of(name: str, study: Study, build: Path) -> Side:
+    """Return what a name means: "universe:12", or a reading; build: the folder with claims, universes and figures."""
+    paper = study.paper
+    if name.startswith(_UNIVERSE):
+        number = name.removeprefix(_UNIVERSE)
+        if not number.isdecimal():
+            raise InputError(f"'{name}': write universe:NUMBER, such as universe:12")
+        return of_universe(int(number), study, build / f"report/universes/{paper}.h5")
+    path = build / f"report/claims/{paper}.json"
+    if not path.exists():
+        raise InputError(f"{path} is missing; run 'snakemake report/claims/{paper}.json'")
+    return of_reading(name, study, read_claims(path), build / "figures" / paper)
+
+
+def write_page(path: Path, paper: Paper, before: Side, after: Side, root: Path) -> None:
+    """Write one page, which needs no other file, with what moved and the figures that both have, side by side."""
+    import jinja2  # slow to import, and only needed here
+
+    published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
+    pictures = [
+        (stem, *(base64.b64encode((side.figures / f"{stem}.png").read_bytes()).decode() for side in (before, after)))
+        for stem in (paper.figures if before.figures and after.figures else ())
+        if all((side.figures / f"{stem}.png").exists() for side in (before, after))
+    ]
+    template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
+        _TEMPLATE.read_text(encoding="utf-8")
+    )
+    text = template.render(
+        paper=paper,
+        before=before,
+        after=after,
+        inputs=changed_inputs(before, after),
+        moved=moved_claims(before, after, published),
+        plain={one.id: one.plain or one.quantity for one in published},
+        pictures=pictures,
+        words=in_words,
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, text)

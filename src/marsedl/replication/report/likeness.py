@@ -1,0 +1,50 @@
+"""How far a figure looks as the paper's own one: by the verdicts on what the paper says of it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim
+from marsedl.replication.pipeline.catalogue import Paper, Product
+
+SAME, OTHER_SCALE, OTHER, NOT_COMPARABLE = "same shape", "same shape, other scale", "other shape", "not comparable"
+LIKENESSES = (SAME, OTHER_SCALE, OTHER, NOT_COMPARABLE)
+
+
+def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
+    """Return the likeness of a figure, one of `LIKENESSES`, and why, in a sentence.
+
+    The shape is another one if a statement about the figure fails, the scale if a printed number differs. A figure of
+    which nothing can be tested is not comparable; its text says why.
+
+    Args:
+        product: the figure, with the ids of the claims about it.
+        claims: the paper's claims by id.
+
+    """
+    if product.not_comparable:
+        return NOT_COMPARABLE, product.not_comparable
+    rows = [claims[name] for name in product.claims if name in claims]
+    counted = [row for row in rows if row.verdict in COUNTED_VERDICTS]
+    refuted = [row for row in counted if row.is_refuted]
+    decided = [row for row in counted if row.verdict != "undetermined"]
+    if not decided:
+        return NOT_COMPARABLE, f"What the paper says of it {'is undetermined' if counted else 'cannot fail'}."
+    failed = [row for row in refuted if row.is_statement]
+    said = f"{len(refuted)} of {len(decided)} claims on it {'does' if len(refuted) == 1 else 'do'} not stand"
+    if refuted:
+        first = (failed or refuted)[0]
+        return (OTHER if failed else OTHER_SCALE), f"{said}: {_plain(first)}"
+    return SAME, f"All {len(decided)} claims on it stand." if len(decided) > 1 else f"It stands: {_plain(decided[0])}"
+
+
+def _plain(row: Claim) -> str:
+    return row.plain or f"{row.quantity}."
+
+
+def with_likeness(paper: Paper, claims: Mapping[str, Claim]) -> Paper:
+    """Return a catalogue in which the paper's figures say their likeness and why."""
+    figures = {
+        stem: one if one.beyond else replace(one, **dict(zip(("likeness", "why"), likeness(one, claims), strict=True)))
+        for stem, one in paper.figures.items()
+    }
+    return replace(paper, figures=figures)

@@ -1,0 +1,77 @@
+"""What moved between two readings or universes of a paper."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from marsedl.papers import input_model
+from marsedl.replication.checks.compare import Side, changed_inputs, moved_claims, of_reading, side_of
+from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs.readings import load_study
+
+ROOT = Path(__file__).parents[3]
+PUBLISHED = [
+    PublishedClaim(paper="toy", id=name, where="Sec. 1", quantity=name, kind=kind, printed=printed, unit=unit, **digits)
+    for name, kind, printed, unit, digits in (
+        ("mean", "monte_carlo", [1.0, 2.0], "m", {"resolution": 0.1, "trials": 9}),
+        ("peak", "deterministic", 5.0, "m", {"resolution": 0.1}),
+        ("calm", "qualitative", True, "1", {}),
+    )
+]
+
+
+def side(name: str, mean, peak: float, verdicts: tuple[str, str, str], **inputs: str) -> Side:
+    """A reading with two means of standard error 0.3 and 0.4, and a peak."""
+    numbers = {"mean[1]": (mean[0], 0.3, 1.0), "mean[2]": (mean[1], 0.4, 2.0), "peak": (peak, 0.0, 5.0)}
+    return Side(name, inputs, dict(zip(("mean", "peak", "calm"), verdicts, strict=True)), numbers)
+
+
+BEFORE = side("corrected", (1.0, 2.0), 5.0, ("reproduced", "reproduced", "holds"), mass="1", area="2")
+AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "none"), mass="3", area="2")
+
+
+def test_of_a_verdict_that_changes_the_number_is_told_that_moves_most():
+    (one,) = moved_claims(BEFORE, AFTER, PUBLISHED)
+    assert (one.component, one.verdict_before, one.verdict_after) == ("mean[2]", "reproduced", "differs")
+    assert one.sigmas == pytest.approx(2.0 / math.hypot(0.4, 0.4)), "a claim that only one evaluates has not moved"
+
+
+def test_numbers_that_keep_their_verdicts_come_by_standard_errors_then_without():
+    after = side("mine", (1.9, 2.4), 5.2, ("reproduced", "reproduced", "holds"))
+    moved = moved_claims(BEFORE, after, PUBLISHED)
+    assert [one.component for one in moved] == ["mean[1]", "mean[2]", "peak"]
+    assert [one.sigmas for one in moved] == pytest.approx([0.9 / 0.3 / 2**0.5, 1.0 / 2**0.5, math.nan], nan_ok=True)
+    assert moved[2].counts, "a deterministic number moves if it moves by more than half a printed digit"
+
+
+def test_inputs_that_differ_are_named_with_both_values():
+    assert [tuple(one) for one in changed_inputs(BEFORE, AFTER)] == [("mass", "1", "3")]
+    assert changed_inputs(BEFORE, BEFORE) == []
+
+
+def test_what_is_not_built_or_not_known_is_refused(tmp_path):
+    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
+    for name, message in {
+        "universe:x": "write universe:NUMBER",
+        "universe:3": "run 'snakemake report/universes/powered_descent.h5'",
+        "printed": "run 'snakemake report/claims/powered_descent.json'",
+    }.items():
+        with pytest.raises(InputError, match=message):
+            side_of(name, study, tmp_path)
+    with pytest.raises(InputError, match="no reading 'printd'; did you mean 'printed'"):
+        of_reading("printd", study, [], tmp_path)
+    with pytest.raises(InputError, match="the claims of printed are not built"):
+        of_reading("printed", study, [], tmp_path)
+
+
+@pytest.mark.workflow
+def test_a_page_has_figures_of_both_side_by_side(copied):
+    process = copied.marsedl("compare", "powered_descent", "printed", "--size", "smoke")
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.startswith("inputs that differ, corrected -> printed:\n")
+    (page,) = copied.folder.glob("build/compare/*.html")
+    assert page.read_text(encoding="utf-8").count("data:image/png;base64") >= 10
+    universes = copied.marsedl("compare", "powered_descent", "universe:3", "universe:0", "--size", "smoke", "--json")
+    assert universes.returncode == 0 and '"inputs"' in universes.stdout

@@ -1,0 +1,67 @@
+"""The committed runs of universes: what fewer universes say of them, and indices by plain loops."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.papers import input_model
+from marsedl.replication.claims.printed import load_published
+from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.records import store
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING
+from marsedl.replication.universes.judging import COMMITTED, Judge
+from marsedl.replication.universes.table import Universes, selected
+
+ROOT = Path(__file__).parents[3]
+COMMITTED_RUNS = sorted(path.stem for path in (ROOT / COMMITTED).glob("*.h5"))
+
+
+def judges(slug: str, *sizes: int) -> list[Judge]:
+    """What judges by the first universes of the space-filling design, as many as asked for."""
+    choices = load_study(slug, input_model(slug), ROOT, "full", {}).choices
+    published = load_published(ROOT / "data" / "published" / f"{slug}.yaml")
+    table = store.load(ROOT / COMMITTED / f"{slug}.h5", Universes, paper=slug)
+    single = table.design == DESIGNS.index(ONE_AT_A_TIME)
+    filling = np.flatnonzero((table.design == DESIGNS.index(SPACE_FILLING)) & (table.seed == 0))
+    filling = filling[np.argsort(table.number[filling])]
+    return [
+        Judge(selected(table, single | np.isin(np.arange(len(single)), filling[:size])), choices, published)
+        for size in sizes
+    ]
+
+
+@pytest.mark.parametrize("slug", COMMITTED_RUNS)
+def test_a_quarter_of_the_universes_gives_the_same_shares(slug):
+    """Of intervals at 95 %, nine of ten hold what four times as many universes give."""
+    few, many = judges(slug, 32, 128)
+    shares = [(few.judged(str(name)).over_all, many.judged(str(name)).over_all) for name in few.table.claim]
+    inside = [part.low <= whole.value <= part.high for part, whole in shares if part.of and whole.of]
+    assert len(inside) > 20
+    assert np.mean(inside) > 0.9
+
+
+def test_indices_are_those_of_plain_loops():
+    (judge,) = judges("powered_descent", 512)
+    compared = 0
+    for claim in (one for one in judge.published.values() if one.headline):
+        place = judge.component_place(claim.id)
+        found = {one.choice: one.ratio for one in judge.judged(claim.id).indices}
+        if place is None or not found:
+            continue
+        use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(judge.table.value[:, place])
+        values = judge.table.value[use, place].tolist()
+        ranks = [sum(other < value for other in set(values)) for value in values]
+        mean = sum(ranks) / len(ranks)
+        total = sum((rank - mean) ** 2 for rank in ranks)
+        for at, choice in enumerate(judge.choices):
+            if choice.range or choice.name not in found:
+                continue
+            of_value = defaultdict(list)
+            for rank, value in zip(ranks, judge.table.assignment[use, at].tolist(), strict=True):
+                of_value["unasked" if np.isnan(value) else value].append(rank)
+            between = sum(len(group) * (sum(group) / len(group) - mean) ** 2 for group in of_value.values())
+            assert found[choice.name] == pytest.approx(between / total, abs=1e-9)
+            compared += 1
+    assert compared > 10
