@@ -15,7 +15,6 @@ from types import SimpleNamespace
 from marsedl.replication.claims.committed import committed_verdicts
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, entry_of
 from marsedl.replication.terminal import columns
 
@@ -177,6 +176,7 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
 def compared(before, after, published, *, as_json: bool = False) -> Iterator[str]:
     """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
     from marsedl.replication.checks.compare import changed_inputs, judged_in_one, moved_claims, numbers_of
+    from marsedl.replication.inputs.choices import in_words
 
     changed, rows, alone = (
         changed_inputs(before, after),
@@ -195,18 +195,18 @@ def compared(before, after, published, *, as_json: bool = False) -> Iterator[str
     def lines(rows):
         for row in rows:
             claim, apart = printed[row.claim], f"{row.sigmas:.1f} standard errors" if row.error > 0.0 else ""
-            first, second = numbers_of(row, claim.unit)
+            first, second = numbers_of(row, claim)
             verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
             numbers = f"{first} -> {second}" if first != second else ""
-            yield f"{claim.plain or claim.quantity} ({row.component})", verdicts, numbers, apart
+            yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"
 
     yield f"inputs that differ, {before.name} -> {after.name}:"
     yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
     turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
-    shown = [row for row in rest if not row.sigmas < 1.0 and row.counts]
+    shown = [row for row in rest if row.counts]
     for title, those in {
         "verdicts that change": turned,
-        "numbers that move beyond rounding and a standard error, with the same verdict": shown,
+        "numbers that move beyond rounding and three standard errors, with the same verdict": shown,
     }.items():
         yield f"{title}: {len(those)}"
         if those:

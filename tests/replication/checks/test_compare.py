@@ -66,8 +66,10 @@ def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
 
 def test_numbers_are_shown_with_digits_that_tell_them_apart():
     one = Moved("mean", "mean[1]", 1.23456, 1.23461, 0.1, "holds", "holds", 0.0)
-    assert numbers_of(one, "m") == ("1.23456 m", "1.23461 m")
-    assert numbers_of(replace(one, before=math.nan), "1") == ("no number", "1.235")
+    assert numbers_of(one, PUBLISHED[0]) == ("1.23456 m", "1.23461 m")
+    assert numbers_of(replace(one, before=math.nan), PUBLISHED[0]) == ("no number", "1.235 m")
+    several = PUBLISHED[0].model_copy(update={"unit": "m, s"})
+    assert numbers_of(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
 
 
 def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, monkeypatch):
@@ -81,9 +83,9 @@ def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp
     }
     (tmp_path / "data/cache/powered_descent/corrected").mkdir(parents=True)
     (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
-    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used})
+    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "smoke"})
     other = of_other_build("corrected", study, tmp_path)
-    assert [one.name for one in changed_inputs(BEFORE, other)] == ["noise.noise_coefficient"]
+    assert [one.name for one in changed_inputs(BEFORE, other)] == ["noise.noise_coefficient", "size"]
 
 
 def test_inputs_that_differ_are_named_with_both_values():
@@ -113,5 +115,5 @@ def test_a_page_has_figures_of_both_side_by_side(copied):
     assert process.stdout.startswith("inputs that differ, corrected -> printed:\n")
     (page,) = copied.folder.glob("build/compare/*.html")
     assert page.read_text(encoding="utf-8").count("data:image/png;base64") >= 10
-    universes = copied.marsedl("compare", "powered_descent", "universe:3", "universe:0", "--size", "smoke", "--json")
+    universes = copied.marsedl("compare", "powered_descent", "universe:1", "universe:0", "--size", "smoke", "--json")
     assert universes.returncode == 0 and '"inputs"' in universes.stdout

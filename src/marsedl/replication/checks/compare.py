@@ -75,7 +75,7 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
             found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if _is_number(values.get(at))}
         numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
     sources = study.readings[name].sources.items()
-    inputs = {key: with_unit(str(source.written), source.unit) for key, source in sources}
+    inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
     return Side(name, inputs, {name: one.verdict for name, one in results.items()}, numbers, place)
 
@@ -88,7 +88,8 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
     side, used = side_of(name, study, build), {}
     folders = [build / "data/cache" / study.paper / reading for reading in (CORRECTED, name)]  # the second shares
     for path in (path for folder in folders for path in sorted(folder.glob("*.h5"))):
-        used |= store.provenance(path)["inputs"]
+        made = store.provenance(path)
+        used |= made["inputs"]
     if not used:
         raise InputError(
             f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them as well"
@@ -97,7 +98,7 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
     own = json.loads(json.dumps(inputs.plain()))
     other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
              for key, value in used.items() if own.get(key) != value}  # fmt: skip
-    return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other})
+    return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
 
 
 def _is_number(value: Any) -> bool:
@@ -139,7 +140,7 @@ def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim])
         for label, index in components_of(claim) if "none" not in (old, new) else ():
             a, b = before.numbers.get(label, nothing), after.numbers.get(label, nothing)
             size = size_of_change(a, b, half_digit(claim, index))
-            if old != new or size > 0.0:
+            if old != new or (size > 0.0 and not math.isclose(a[0], b[0])):  # what the last digits do is no move
                 numbers.append(Moved(claim.id, label, a[0], b[0], math.hypot(a[1], b[1]), old, new, size))
         numbers.sort(key=_largest_first)
         found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
@@ -151,14 +152,15 @@ def judged_in_one(before: Side, after: Side) -> list[str]:
     return sorted(before.verdicts.keys() ^ after.verdicts.keys())
 
 
-def numbers_of(one: Moved, unit: str) -> tuple[str, str]:
+def numbers_of(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
     """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
-    pair = (one.before, one.after)
-    for digits in (4, 6, 9, 17):
-        texts = [f"{number:.{digits}g}" for number in pair]
+    units, at = claim.unit.split(", "), [label for label, _ in components_of(claim)].index(one.component)
+    unit = units[at % len(units)]
+    for digits in (4, 6, 10):
+        texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
         if len({*texts}) == 2:
             break
-    first, second = ("no number" if math.isnan(n) else with_unit(t, unit) for n, t in zip(pair, texts, strict=True))
+    first, second = ("no number" if text == "nan" else with_unit(text, unit) for text in texts)
     return first, second
 
 
