@@ -323,19 +323,31 @@ def _compare(options) -> int:
     for name in (options.other, options.mine):
         folder, colon, reading = name.rpartition(":")
         if colon and folder != "universe":
-            sides.append(compare.side_of(reading, study, Path(folder))._replace(name=name))
+            sides.append(compare.of_other_build(reading, study, Path(folder)))
         else:
             kind, suffix = ("universes", "h5") if colon else ("claims", "json")
             project.check([f"report/{kind}/{paper.slug}.{suffix}"])
             sides.append(compare.side_of(name, study, project.folder))
     before, after = sides
-    changed = compare.changed_inputs(before, after)
-    moved = compare.moved_claims(before, after, project.published(paper.slug))
-    _say(*overview.compared(changed, moved, before.name, after.name, as_json=options.json))
+    published = project.published(paper.slug)
+    _say(*overview.compared(before, after, published, as_json=options.json))
     names = "-".join(re.sub(r"\W+", "_", side.name) for side in (after, before))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
-    compare.write_page(path, paper, before, after, project.root)
+
+    def own(picture: Path) -> str:
+        """The picture as a product of this build; empty for one of another build."""
+        inside = picture.is_relative_to(project.folder) and picture.relative_to(project.folder).as_posix()
+        return inside if inside and inside.startswith("figures/") else ""
+
+    absent = compare.write_page(
+        *(path, paper, before, after, published),
+        lambda picture: bool(own(picture)) and project.recipes.is_stale(own(picture), project.folder),
+    )
     print(f"wrote {path}", file=sys.stderr)
+    if absent:
+        products = " ".join(filter(None, map(own, absent)))
+        remedy = f"; run 'snakemake {products}{project.options}'" if products else ""
+        print(f"without figures that are missing or not up to date{remedy}", file=sys.stderr)
     return 0
 
 
