@@ -44,7 +44,15 @@ def test_the_workflow_builds_them_and_their_claims_have_verdicts(small):
         assert row["verdict"] == "reproduced"
         assert set(row["readings"]) == {"corrected", "printed"}
         names = {path.name for path in small.path(f"figures/{slug}").iterdir()}
-        assert names == {"fig01.png", "fig01.pdf", f"{table}.csv", f"{table}.md", "claims.csv", "claims.md"}
+        assert names == {
+            "fig01.png",
+            "fig01.pdf",
+            f"{table}.csv",
+            f"{table}.md",
+            "claims.csv",
+            "claims.md",
+            "headline.png",
+        }
 
 
 @pytest.mark.workflow
