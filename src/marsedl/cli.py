@@ -91,7 +91,12 @@ def command_line() -> argparse.ArgumentParser:
     add("universe", "number", type=int, help="its number in the table of universes")
     add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
     own = "with --reference: only this paper; can be repeated"
-    add("verify accept", "--reference", metavar="FOLDER", type=Path, help="reference numbers of your own")
+    add("verify", "--all", action="store_true", help="show every number that moved, not only those of claims")
+    what = "reference numbers of your own: a folder, or a file with --numbers"
+    add("verify accept", "--reference", metavar="PATH", type=Path, help=what)
+    what = "with --reference: a table of any results with the columns name, value, unit and standard_error"
+    add("verify accept", "--numbers", metavar="CSV", type=Path, help=what)
+    add("verify", "--tolerance", metavar="SE", default="3se", help="with --numbers: standard errors (default: 3se)")
     add("verify accept", "--paper", metavar="NAME", action="append", default=[], help=own)
     add("new-paper", "slug", help="its name in files and targets, such as powered_descent")
     add("new-paper", "--title", default="Title to be given", help="the paper's title")
@@ -323,19 +328,31 @@ def _compare(options) -> int:
     for name in (options.other, options.mine):
         folder, colon, reading = name.rpartition(":")
         if colon and folder != "universe":
-            sides.append(compare.side_of(reading, study, Path(folder))._replace(name=name))
+            sides.append(compare.of_other_build(reading, study, Path(folder)))
         else:
             kind, suffix = ("universes", "h5") if colon else ("claims", "json")
             project.check([f"report/{kind}/{paper.slug}.{suffix}"])
             sides.append(compare.side_of(name, study, project.folder))
     before, after = sides
-    changed = compare.changed_inputs(before, after)
-    moved = compare.moved_claims(before, after, project.published(paper.slug))
-    _say(*overview.compared(changed, moved, before.name, after.name, as_json=options.json))
+    published = project.published(paper.slug)
+    _say(*overview.compared(before, after, published, as_json=options.json))
     names = "-".join(re.sub(r"\W+", "_", side.name) for side in (after, before))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
-    compare.write_page(path, paper, before, after, project.root)
+
+    def own(picture: Path) -> str:
+        """The picture as a product of this build; empty for one of another build."""
+        inside = picture.is_relative_to(project.folder) and picture.relative_to(project.folder).as_posix()
+        return inside if inside and inside.startswith("figures/") else ""
+
+    absent = compare.write_page(
+        *(path, paper, before, after, published),
+        lambda picture: bool(own(picture)) and project.recipes.is_stale(own(picture), project.folder),
+    )
     print(f"wrote {path}", file=sys.stderr)
+    if absent:
+        products = " ".join(filter(None, map(own, absent)))
+        remedy = f"; run 'snakemake {products}{project.options}'" if products else ""
+        print(f"without figures that are missing or not up to date{remedy}", file=sys.stderr)
     return 0
 
 
@@ -365,6 +382,8 @@ def _verify(options) -> int:
     Builds the smoke size twice and compares every file, then compares the full-size build with the stored numbers. With
     --reference it only compares a build with numbers of your own. The exit status is 1 if anything differs.
     """
+    if options.numbers:
+        return _numbers(options)
     from marsedl.replication.checks import reference, twice, universes
 
     project, shared, folder = _up_to_date(options)
@@ -381,6 +400,8 @@ def _accept(options) -> int:
     Prints what changes in data/reference. Run it after a full build whose changes you have looked at. With --reference
     it stores the numbers of a build in a folder of your own.
     """
+    if options.numbers:
+        return _numbers(options)
     from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference, universes
     from marsedl.replication.claims import quotes
@@ -395,6 +416,19 @@ def _accept(options) -> int:
         _say(f"wrote {quotes.accept(project.root, quoted)}")
         _readme(options)
     return 0
+
+
+def _numbers(options) -> int:
+    """Compare a table of any results with its reference, or store it as the reference."""
+    from marsedl.replication.checks import numbers
+
+    if options.reference is None:
+        raise InputError("--numbers needs --reference FILE, which 'marsedl accept' writes")
+    files = options.numbers, options.reference
+    if options.command == "accept":
+        _say(numbers.accept_numbers(*files))
+        return 0
+    return 0 if numbers.compare_numbers(*files, numbers.tolerance_of(options.tolerance)) else 1
 
 
 def _up_to_date(options) -> tuple[Project, dict, Path | None]:

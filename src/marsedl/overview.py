@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
-from math import nan
+from math import isfinite, nan
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -173,32 +173,47 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
     yield columns(table, 0, wrap=False)
 
 
-def compared(changed, rows, before: str, after: str, *, as_json: bool = False) -> Iterator[str]:
-    """Yield what moved between two readings, see `marsedl.replication.checks.compare`."""
+def compared(before, after, published, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
+    from marsedl.replication.checks.compare import changed_inputs, judged_in_one, moved_claims, numbers_of
+    from marsedl.replication.inputs.choices import in_words
+
+    changed, rows, alone = (
+        changed_inputs(before, after),
+        moved_claims(before, after, published),
+        judged_in_one(before, after),
+    )
     if as_json:
-        yield json.dumps(
-            {"inputs": [one._asdict() for one in changed], "claims": [asdict(row) for row in rows]}, indent=1
-        )
+        claims = [{**asdict(row), "standard_errors": row.sigmas} for row in rows]
+        claims = [{k: v if not isinstance(v, float) or isfinite(v) else None for k, v in c.items()} for c in claims]
+        inputs = [one._asdict() for one in changed]
+        yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
         return
-    yield f"inputs that differ, {before} -> {after}:"
+
+    printed = {one.id: one for one in published}
+
+    def lines(rows):
+        for row in rows:
+            claim, apart = printed[row.claim], f"{row.sigmas:.1f} standard errors" if row.error > 0.0 else ""
+            first, second = numbers_of(row, claim)
+            verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
+            numbers = f"{first} -> {second}" if first != second else ""
+            yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"
+
+    yield f"inputs that differ, {before.name} -> {after.name}:"
     yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
-    turned = [row for row in rows if row.turned]
-    yield f"verdicts that change: {len(turned)}"
-    if turned:
-        yield columns(
-            [(row.component, f"{row.verdict_before} -> {row.verdict_after}", _apart(row)) for row in turned], 2
-        )
-    rest = [row for row in rows if not row.turned]
-    shown = [row for row in rest if not row.sigmas < 1.0 and row.counts]
-    yield f"numbers that move beyond rounding and a standard error, with the same verdict: {len(shown)}"
-    if shown:
-        yield columns([(row.component, row.verdict_after, _apart(row)) for row in shown], 2, wrap=False)
+    turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
+    shown = [row for row in rest if row.counts]
+    for title, those in {
+        "verdicts that change": turned,
+        "numbers that move beyond rounding and three standard errors, with the same verdict": shown,
+    }.items():
+        yield f"{title}: {len(those)}"
+        if those:
+            yield columns([*lines(those)], 2)
     yield f"numbers that move by less: {len(rest) - len(shown)}"
-
-
-def _apart(row) -> str:
-    apart = f", {row.sigmas:.1f} standard errors apart" if row.sigmas == row.sigmas else ""
-    return f"{row.before:.6g} -> {row.after:.6g}{apart}"
+    if alone:
+        yield f"claims judged in only one of the two: {', '.join(alone)}"
 
 
 def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:

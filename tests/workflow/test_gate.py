@@ -69,7 +69,7 @@ def test_it_can_be_called_and_takes_no_input_as_a_command(workflow, steps):
 def test_the_page_shows_a_caller_and_all_inputs(workflow):
     page = (ROOT / "docs" / "gate.md").read_text(encoding="utf-8")
     inputs = workflow["on"]["workflow_call"]["inputs"]
-    (caller,) = (yaml.safe_load(text) for text in re.findall(r"(?ms)^```yaml\n(.*?)^```$", page))
+    caller, _ = (yaml.safe_load(text) for text in re.findall(r"(?ms)^```yaml\n(.*?)^```$", page))
     (job,) = caller["jobs"].values()
     required = {name for name, of in inputs.items() if of.get("required") == "true"}
     assert required <= job["with"].keys() <= inputs.keys()

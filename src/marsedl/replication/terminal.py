@@ -1,9 +1,11 @@
 """Text for a terminal: tables fit its width, and nothing in a file acts on it."""
 
+import os
 import shutil
 import textwrap
 from collections.abc import Sequence
 from itertools import zip_longest
+from pathlib import Path
 
 UNLIMITED = 10**6  # columns of a pipe or a file: one line a row, so that `grep` finds whole rows
 NARROWEST = 8  # of a column that is made narrower
@@ -12,6 +14,14 @@ NARROWEST = 8  # of a column that is made narrower
 def printable(text: object) -> str:
     """Return a text with all control characters but line breaks escaped as in Python, such as \\x1b."""
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in str(text))
+
+
+def summarize(text: str, folded: str = "") -> None:
+    """Append a text to the summary of a GitHub action, if it runs in one; folded: what is shown after a click."""
+    if path := os.environ.get("GITHUB_STEP_SUMMARY"):
+        fold = f"\n<details><summary>all of it</summary>\n\n```\n{folded}\n```\n</details>\n" if folded else ""
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(f"```\n{printable(text)}\n```\n{fold}")
 
 
 def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = True, width: int | None = None) -> str:

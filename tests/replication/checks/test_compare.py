@@ -1,15 +1,27 @@
 """What moved between two readings or universes of a paper."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from marsedl.papers import input_model
-from marsedl.replication.checks.compare import Side, changed_inputs, moved_claims, of_reading, side_of
+from marsedl.replication.checks import compare
+from marsedl.replication.checks.compare import (
+    Side,
+    changed_inputs,
+    judged_in_one,
+    moved_claims,
+    numbers_of,
+    of_other_build,
+    of_reading,
+    side_of,
+)
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.universes.what_if import Moved
 
 ROOT = Path(__file__).parents[3]
 PUBLISHED = [
@@ -46,6 +58,36 @@ def test_numbers_that_keep_their_verdicts_come_by_standard_errors_then_without()
     assert moved[2].counts, "a deterministic number moves if it moves by more than half a printed digit"
 
 
+def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
+    after = BEFORE._replace(verdicts={"mean": "reproduced", "later": "holds"})
+    assert moved_claims(BEFORE, after, PUBLISHED) == []
+    assert judged_in_one(BEFORE, after) == ["calm", "later", "peak"]
+
+
+def test_numbers_are_shown_with_digits_that_tell_them_apart():
+    one = Moved("mean", "mean[1]", 1.23456, 1.23461, 0.1, "holds", "holds", 0.0)
+    assert numbers_of(one, PUBLISHED[0]) == ("1.23456 m", "1.23461 m")
+    assert numbers_of(replace(one, before=math.nan), PUBLISHED[0]) == ("no number", "1.235 m")
+    several = PUBLISHED[0].model_copy(update={"unit": "m, s"})
+    assert numbers_of(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
+
+
+def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, monkeypatch):
+    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
+    monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
+    with pytest.raises(InputError, match="has no artifacts"):
+        of_other_build("corrected", study, tmp_path)
+    used = {
+        "noise.noise_coefficient": 0.5,
+        "entry.initial_speed": study.readings["corrected"].inputs.plain()["entry.initial_speed"],
+    }
+    (tmp_path / "data/cache/powered_descent/corrected").mkdir(parents=True)
+    (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
+    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "smoke"})
+    other = of_other_build("corrected", study, tmp_path)
+    assert [one.name for one in changed_inputs(BEFORE, other)] == ["noise.noise_coefficient", "size"]
+
+
 def test_inputs_that_differ_are_named_with_both_values():
     assert [tuple(one) for one in changed_inputs(BEFORE, AFTER)] == [("mass", "1", "3")]
     assert changed_inputs(BEFORE, BEFORE) == []
@@ -73,5 +115,5 @@ def test_a_page_has_figures_of_both_side_by_side(copied):
     assert process.stdout.startswith("inputs that differ, corrected -> printed:\n")
     (page,) = copied.folder.glob("build/compare/*.html")
     assert page.read_text(encoding="utf-8").count("data:image/png;base64") >= 10
-    universes = copied.marsedl("compare", "powered_descent", "universe:3", "universe:0", "--size", "smoke", "--json")
+    universes = copied.marsedl("compare", "powered_descent", "universe:1", "universe:0", "--size", "smoke", "--json")
     assert universes.returncode == 0 and '"inputs"' in universes.stdout

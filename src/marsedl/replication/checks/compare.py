@@ -1,8 +1,9 @@
 """What moved between two readings, builds or universes of a paper: inputs, verdicts, numbers and figures."""
 
 import base64
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.numbers import broadcast, flatten
-from marsedl.replication.claims.printed import PublishedClaim, load_published
+from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.files import write_text
@@ -19,6 +20,7 @@ from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
+from marsedl.replication.report.one_line import with_unit
 from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit, size_of_change
 from marsedl.replication.universes.what_if import Moved
 
@@ -72,9 +74,31 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
             errors = broadcast(one.standard_error, values)
             found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if _is_number(values.get(at))}
         numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
-    inputs = {key: source.written for key, source in study.readings[name].sources.items()}
+    sources = study.readings[name].sources.items()
+    inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
     return Side(name, inputs, {name: one.verdict for name, one in results.items()}, numbers, place)
+
+
+def of_other_build(name: str, study: Study, build: Path) -> Side:
+    """Return a reading of a build that other code or other inputs may have made; its artifacts say which inputs.
+
+    Raises InputError if the reading is unknown, or if its claims or artifacts are not there.
+    """
+    side, used = side_of(name, study, build), {}
+    folders = [build / "data/cache" / study.paper / reading for reading in (CORRECTED, name)]  # the second shares
+    for path in (path for folder in folders for path in sorted(folder.glob("*.h5"))):
+        made = store.provenance(path)
+        used |= made["inputs"]
+    if not used:
+        raise InputError(
+            f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them as well"
+        )
+    inputs = study.readings[name].inputs
+    own = json.loads(json.dumps(inputs.plain()))
+    other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
+             for key, value in used.items() if own.get(key) != value}  # fmt: skip
+    return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
 
 
 def _is_number(value: Any) -> bool:
@@ -116,11 +140,28 @@ def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim])
         for label, index in components_of(claim) if "none" not in (old, new) else ():
             a, b = before.numbers.get(label, nothing), after.numbers.get(label, nothing)
             size = size_of_change(a, b, half_digit(claim, index))
-            if old != new or size > 0.0:
+            if old != new or (size > 0.0 and not math.isclose(a[0], b[0])):  # what the last digits do is no move
                 numbers.append(Moved(claim.id, label, a[0], b[0], math.hypot(a[1], b[1]), old, new, size))
         numbers.sort(key=_largest_first)
         found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
     return sorted(found, key=_largest_first)
+
+
+def judged_in_one(before: Side, after: Side) -> list[str]:
+    """Return the claims that only one of the two evaluates."""
+    return sorted(before.verdicts.keys() ^ after.verdicts.keys())
+
+
+def numbers_of(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
+    """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
+    units, at = claim.unit.split(", "), [label for label, _ in components_of(claim)].index(one.component)
+    unit = units[at % len(units)]
+    for digits in (4, 6, 10):
+        texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
+        if len({*texts}) == 2:
+            break
+    first, second = ("no number" if text == "nan" else with_unit(text, unit) for text in texts)
+    return first, second
 
 
 def _largest_first(one: Moved) -> tuple:
@@ -141,16 +182,26 @@ def side_of(name: str, study: Study, build: Path) -> Side:
     return of_reading(name, study, read_claims(path), build / "figures" / paper)
 
 
-def write_page(path: Path, paper: Paper, before: Side, after: Side, root: Path) -> None:
-    """Write one page, which needs no other file, with what moved and the figures that both have, side by side."""
+def write_page(
+    path: Path,
+    paper: Paper,
+    before: Side,
+    after: Side,
+    published: Sequence[PublishedClaim],
+    is_stale: Callable[[Path], bool],
+) -> list[Path]:
+    """Write one page, which needs no other file, with what moved and the figures that both have, side by side.
+
+    Returns the pictures that are missing or, by `is_stale`, not up to date: the page leaves their figures out.
+    """
     import jinja2  # slow to import, and only needed here
 
-    published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
-    pictures = [
-        (stem, *(base64.b64encode((side.figures / f"{stem}.png").read_bytes()).decode() for side in (before, after)))
+    pairs = {
+        stem: [side.figures / f"{stem}.png" for side in (before, after)]
         for stem in (paper.figures if before.figures and after.figures else ())
-        if all((side.figures / f"{stem}.png").exists() for side in (before, after))
-    ]
+    }
+    absent = [one for pair in pairs.values() for one in pair if not one.exists() or is_stale(one)]
+    shown = {stem: pair for stem, pair in pairs.items() if not {*pair} & {*absent}}
     template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
         _TEMPLATE.read_text(encoding="utf-8")
     )
@@ -160,9 +211,13 @@ def write_page(path: Path, paper: Paper, before: Side, after: Side, root: Path) 
         after=after,
         inputs=changed_inputs(before, after),
         moved=moved_claims(before, after, published),
-        plain={one.id: one.plain or one.quantity for one in published},
-        pictures=pictures,
+        alone=judged_in_one(before, after),
+        printed={one.id: one for one in published},
+        pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
+        left_out=[stem for stem in pairs if stem not in shown],
+        numbers_of=numbers_of,
         words=in_words,
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, text)
+    return absent

@@ -1,0 +1,128 @@
+"""The gate for any table of numbers: the columns name, value, unit and standard_error against a stored reference."""
+
+import csv
+import json
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from marsedl.replication.errors import InputError
+from marsedl.replication.files import write_text
+from marsedl.replication.terminal import columns, summarize
+
+ROUNDING = 1e-6  # of the accepted value: no tolerance is smaller
+GROWN = 2.0  # a standard error that grows by more is said, as it widens the tolerance
+
+
+class Entry(NamedTuple):
+    """A number with its unit and standard error, 0 if it is exact."""
+
+    value: float
+    unit: str
+    standard_error: float
+
+    def __str__(self) -> str:
+        """Return it as a reader would write it."""
+        error = f" ± {self.standard_error:.2g}" if self.standard_error else ""
+        return f"{self.value:.6g}{error} {self.unit}".removesuffix(" 1").rstrip()
+
+
+def read_table(path: Path) -> dict[str, Entry]:
+    """Return the numbers of a CSV file by name; raises InputError with file and line if it is malformed."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.DictReader(file)
+            if missing := [name for name in ("name", *Entry._fields) if name not in (rows.fieldnames or ())]:
+                raise InputError(f"{path}: no column {', '.join(missing)}; it needs name,value,unit,standard_error")
+            found = {}
+            for row in rows:
+                place, name = f"{path}, line {rows.line_num}", row["name"]
+                if not name or name in found:
+                    raise InputError(f"{place}: {f'{name} stands there twice' if name else 'a name is missing'}")
+                found[name] = _entry(row, f"{place}: {name}")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if not found:
+        raise InputError(f"{path}: holds no numbers")
+    return found
+
+
+def read_reference(path: Path) -> dict[str, Entry]:
+    """Return a reference that `accept` wrote; raises InputError with the remedy if it is missing or malformed."""
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+        return {name: _entry(entry, f"{path}: {name}") for name, entry in entries.items()}
+    except FileNotFoundError:
+        raise InputError(
+            f"{path} is missing; write it with 'marsedl accept --numbers TABLE --reference {path}'"
+        ) from None
+    except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path}: is no reference of numbers ({error}); restore it, or accept the table again"
+        ) from None
+
+
+def _entry(row: Mapping, place: str) -> Entry:
+    numbers = {"standard_error": 0.0}
+    for key in ("value", "standard_error"):
+        text = row[key]
+        try:
+            numbers[key] = float(text) if key == "value" or text not in ("", None) else 0.0
+        except (TypeError, ValueError):
+            raise InputError(f"{place}: {key} must be a number with a decimal point, not '{text}'") from None
+    if not all(map(math.isfinite, numbers.values())) or numbers["standard_error"] < 0:
+        raise InputError(f"{place}: value and standard_error must be finite, and the error not negative")
+    return Entry(numbers["value"], (row["unit"] or "1").strip(), numbers["standard_error"])
+
+
+def tolerance_of(text: str) -> float:
+    """Return how many standard errors "3se" means; raises InputError if it means none."""
+    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?) ?se", text)) or not float(match[1]):
+        raise InputError(f"--tolerance {text}: write a number of standard errors, such as 3se")
+    return float(match[1])
+
+
+def accept_numbers(table: Path, path: Path) -> str:
+    """Store a table as reference; returns what was written, in a line."""
+    found = read_table(table)
+    lines = [f" {json.dumps(name)}: {json.dumps(entry._asdict())}" for name, entry in found.items()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
+    return f"wrote {path}: {len(found)} numbers of {table}"
+
+
+def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
+    """Compare a table with its reference; prints what differs, worst first.
+
+    A number may move by some standard errors of the difference, and by rounding. A unit that changes and a number that
+    is gone fail; a number that is new is said.
+    """
+    found, accepted = read_table(table), read_reference(path)
+    moved, notes = [], []
+    for name, old in accepted.items():
+        new = found.get(name)
+        if new is None or new.unit != old.unit:
+            what = "it is gone" if new is None else "another unit"
+            moved.append((math.inf, (name, str(old), str(new or "–"), what)))
+            continue
+        error, floor = math.hypot(old.standard_error, new.standard_error), ROUNDING * abs(old.value)
+        apart, far = abs(new.value - old.value), max(standard_errors * error, floor)
+        if apart > far:
+            share = f"{apart / error:.3g} standard errors apart" if error else "it has no standard error"
+            moved.append((apart / far if far else math.inf, (name, str(old), str(new), share)))
+        if new.standard_error > GROWN * old.standard_error > 0:
+            notes.append(f"{name}: its standard error grew from {old.standard_error:.2g} to {new.standard_error:.2g}")
+    fresh = [name for name in found if name not in accepted]
+    notes += [f"{name}: new, not guarded before it is accepted" for name in fresh]
+    limit = f"{standard_errors:g} standard errors"
+    head = f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ by more than {limit}"
+    rows = [row for _, row in sorted(moved, key=lambda one: -one[0])]
+    details = columns([("name", "accepted", "now", ""), *rows], 2) if rows else ""
+    text = "\n".join(part for part in (head, details, *(f"  note: {note}" for note in notes)) if part)
+    print(text)
+    summarize(text)
+    if rows:
+        print(f"if this is meant, run 'marsedl accept --numbers {table} --reference {path}'")
+    return not rows
