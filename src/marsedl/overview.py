@@ -234,6 +234,7 @@ def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
 
 def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
     """Yield what is printed of a claim, the verdict on it and its cause, and what each reading gives."""
+    from marsedl.replication.claims.counterexamples import in_words
     from marsedl.replication.claims.numbers import format_result
     from marsedl.replication.report import one_line
 
@@ -252,6 +253,8 @@ def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
         if verdict.is_refuted:
             choice = project.studies[claim.paper].choices.by_name.get(one.cause[0]) if one.cause else None
             told = {"why": one_line.cause(verdict, choice and (choice, nan, nan, ""))} | told
+    if evidence and verdict.counterexample:
+        told["turned"] = in_words(verdict.counterexample)
     yield columns([(name, text) for name, text in told.items() if text], 2)
     results = verdict.readings.items()
     yield columns([(name, one.verdict or "–", ", ".join(format_result(verdict, name))) for name, one in results], 4)

@@ -132,8 +132,8 @@ def example(folder, hostile="plain"):
         reading("newton_noise", "Noise density in newtons."),
     ]
     names = [f"fig{i:02d}" for i in range(1, 5)]
-    drawn(folder, "powered_descent", names, ["eq54"])
-    drawn(folder, "small")
+    drawn(folder, "powered_descent", [*names, "headline"], ["eq54"])
+    drawn(folder, "small", ["headline"])
     caption = f"Trajectories of the trials with 3-sigma ellipses, drawn over the predicted ones. {hostile}"
     errata = tuple(
         Erratum(
@@ -203,7 +203,8 @@ def site(tmp_path_factory):
 
 
 def figures_of(papers):
-    return {**{one.catalogue.slug: one.catalogue.figures for one in papers}, "comparison": ["densities"]}
+    own = {one.catalogue.slug: [*one.catalogue.figures, "headline"] for one in papers}
+    return {**own, "comparison": ["densities"]}
 
 
 class Checker(HTMLParser):

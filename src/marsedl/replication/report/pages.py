@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims import counterexamples
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
@@ -139,7 +138,6 @@ def _templates() -> Any:
         "printed": lambda row: "" if row.is_statement else ", ".join(format_lines(row.printed, None, row.resolution)),
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
         "used": lambda row: ", ".join(format_result(row, row.reading)),
-        "turned": counterexamples.in_words,
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
     templates.globals |= {"kinds": VERDICTS_OF, "standing": STANDING_VERDICTS, "terms": words(), "default": CORRECTED}
