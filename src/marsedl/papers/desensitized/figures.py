@@ -317,7 +317,7 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         axes.indicate_inset_zoom(inset, edgecolor=GREY)
         for number in np.flatnonzero(enlarged):
             spot = rows[number], tradeoff.effort[number]
-            inset.annotate(_joined([names[number]]), spot, (0, 7), textcoords="offset points", fontsize=7, ha="center")
+            inset.annotate(_joined([names[number]]), spot, (0, 7), textcoords="offset points", fontsize=8, ha="center")
     for place, group in enumerate(_crowds(tradeoff, rows, names)):
         if enlarged[group].all():
             continue
@@ -326,7 +326,7 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         below, end, beside = ((-6, -11), "right"), ((10, 6), "right"), ((6, 4), "left")
         offset, side = end if at_end else beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
         text, spot = _joined([names[number] for number in group]), (rows[group[0]], tradeoff.effort[group[0]])
-        axes.annotate(text, spot, offset, textcoords="offset points", fontsize=7, ha=side)
+        axes.annotate(text, spot, offset, textcoords="offset points", fontsize=8, ha=side)
     legend_below(figure, [axes], columns=2)
     return figure
 

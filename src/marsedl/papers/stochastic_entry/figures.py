@@ -469,7 +469,7 @@ def floor(
                 textcoords="offset points",
                 ha="center",
                 va="bottom",
-                fontsize=7,
+                fontsize=8,
                 rotation=0 if np.isfinite(value) else 90,
             )
         lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, DOWNRANGE]))
@@ -538,7 +538,7 @@ def reversals(
         mark(axes, x=0.0, linestyle="-")
         axes.margins(y=0.0)
         axes.set_ylim(0, 1.55 * axes.get_ylim()[1])  # room for the legend
-        axes.legend(loc="upper left", fontsize=7)
+        axes.legend(loc="upper left")
     for axes in panels[:, 0]:
         axes.set_ylabel("density (1/km)")
     return figure
