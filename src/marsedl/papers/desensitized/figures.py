@@ -345,7 +345,7 @@ def _energies(axes, tradeoff, published, label):
     circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
     plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
     efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
-    axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
+    printed_mark(axes, x=errors, y=efforts, label="the same, printed", clip_on=True)
 
 
 def _about_folds(tradeoff):
