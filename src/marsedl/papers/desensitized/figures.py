@@ -313,7 +313,7 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         inset.yaxis.set_major_formatter("{x:g}")
         inset.yaxis.set_minor_formatter(NullFormatter())
         inset.locator_params(axis="x", nbins=4)
-        inset.tick_params(labelsize=7)
+        inset.tick_params(labelsize=8)
         axes.indicate_inset_zoom(inset, edgecolor=GREY)
         for number in np.flatnonzero(enlarged):
             spot = rows[number], tradeoff.effort[number]
