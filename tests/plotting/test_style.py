@@ -45,3 +45,21 @@ def test_both_files_of_a_figure_are_written_into_new_folders(tmp_path):
     assert paths[0].read_bytes().startswith(b"\x89PNG")
     assert paths[1].read_bytes().startswith(b"%PDF")
     assert b"CreationDate" not in paths[1].read_bytes()
+
+
+def test_panels_get_letters_once_and_what_is_no_panel_gets_none(tmp_path):
+    figure, ((first, second), (third, hidden)) = new_figure(4.0, 3.0, nrows=2, ncols=2)
+    first.set_title("range")
+    third.twinx()
+    hidden.axis("off")
+    figure.colorbar(mpl.cm.ScalarMappable(), ax=second)
+    save_figure(figure, tmp_path / "once.png")
+    save_figure(figure, tmp_path / "twice.png")
+    titles = [axes.get_title() or axes.get_title("left") for axes in figure.axes]
+    assert [title for title in titles if title] == ["(a) range", "(b)", "(c)"]
+
+
+def test_a_figure_of_one_panel_has_no_letter(tmp_path):
+    figure = example_figure()
+    save_figure(figure, tmp_path / "one.png")
+    assert not any(figure.axes[0].get_title(side) for side in ("left", "center"))

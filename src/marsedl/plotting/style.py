@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import matplotlib as mpl
@@ -54,9 +55,10 @@ def new_figure(width: float = 6.4, height: float = 4.0, *, mosaic: Any = None, *
 
 
 def save_figure(figure: Figure, *paths: str | Path) -> None:
-    """Write a figure as PNG or PDF, by the paths' endings, without dates."""
+    """Write a figure as PNG or PDF, by the paths' endings, without dates; several panels get letters."""
     from matplotlib.backends import backend_agg, backend_pdf
 
+    _letter_panels(figure)
     # Laid out once, for the pixels of the PNG, and drawn once for each file: `savefig` does both twice for each.
     figure.set_dpi(mpl.rcParams["savefig.dpi"])
     figure.draw_without_rendering()
@@ -67,6 +69,16 @@ def save_figure(figure: Figure, *paths: str | Path) -> None:
             backend_pdf.FigureCanvasPdf(figure).print_pdf(path, metadata={"CreationDate": None})
         else:
             backend_agg.FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+
+
+def _letter_panels(figure: Figure) -> None:
+    """Begin the titles of several panels with (a), (b) and so on; twins, colour bars and insets are no panels."""
+    panels = {axes.get_subplotspec(): axes for axes in reversed(figure.axes) if axes.axison and axes.get_visible()}
+    panels.pop(None, None)
+    for letter, axes in zip(ascii_lowercase, reversed(panels.values()), strict=False):
+        title = axes.get_title()
+        if len(panels) > 1 and not axes.get_title("left") and not title.startswith(f"({letter})"):
+            axes.set_title(f"({letter}) {title}".strip(), loc="center" if title else "left")
 
 
 def save_side_by_side(figures: Mapping[str, Figure], path: str | Path) -> None:

@@ -313,11 +313,11 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         inset.yaxis.set_major_formatter("{x:g}")
         inset.yaxis.set_minor_formatter(NullFormatter())
         inset.locator_params(axis="x", nbins=4)
-        inset.tick_params(labelsize=7)
+        inset.tick_params(labelsize=8)
         axes.indicate_inset_zoom(inset, edgecolor=GREY)
         for number in np.flatnonzero(enlarged):
             spot = rows[number], tradeoff.effort[number]
-            inset.annotate(_joined([names[number]]), spot, (0, 7), textcoords="offset points", fontsize=7, ha="center")
+            inset.annotate(_joined([names[number]]), spot, (0, 7), textcoords="offset points", fontsize=8, ha="center")
     for place, group in enumerate(_crowds(tradeoff, rows, names)):
         if enlarged[group].all():
             continue
@@ -326,7 +326,7 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         below, end, beside = ((-6, -11), "right"), ((10, 6), "right"), ((6, 4), "left")
         offset, side = end if at_end else beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
         text, spot = _joined([names[number] for number in group]), (rows[group[0]], tradeoff.effort[group[0]])
-        axes.annotate(text, spot, offset, textcoords="offset points", fontsize=7, ha=side)
+        axes.annotate(text, spot, offset, textcoords="offset points", fontsize=8, ha=side)
     legend_below(figure, [axes], columns=2)
     return figure
 
@@ -345,7 +345,7 @@ def _energies(axes, tradeoff, published, label):
     circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
     plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
     efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
-    axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
+    printed_mark(axes, x=errors, y=efforts, label="the same, printed", clip_on=True)
 
 
 def _about_folds(tradeoff):

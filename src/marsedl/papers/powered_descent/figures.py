@@ -38,7 +38,7 @@ def fig01(vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     mark(axes, y=np.spacing(vehicle.wet_mass))
     axes.annotate(
         "spacing of double precision", (0.02, np.spacing(vehicle.wet_mass)), (0, 3), textcoords="offset points",
-        xycoords=("axes fraction", "data"), fontsize=7, color=GREY,
+        xycoords=("axes fraction", "data"), fontsize=8, color=GREY,
     )  # fmt: skip
     mark(axes, x=mission.segment_durations[0])
     axes.set(xlim=(0, nominal.time[-1]), yscale="log", ylim=(1e-14, 1e3))

@@ -645,7 +645,7 @@ def fig11(gains: Gains) -> Figure:
         axes.set_xlim(0, gains.time[-1])
         _note_if_refused(axes, gains)
     for axes in panels[:, 0]:
-        axes.legend(loc="best", fontsize=7)
+        axes.legend(loc="best")
     return figure
 
 
@@ -658,7 +658,7 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble, published
     numbers = [0, *(number for number, _ in _iterations(gains))]
     figure, panels = _grid(len(numbers), 7.4, 2.5)
     window = drawing.delta_v_window
-    for place, (axes, number) in enumerate(zip(panels, numbers, strict=True)):
+    for axes, number in zip(panels, numbers, strict=True):
         delta_v = field(aerocapture, "delta_v", at={"laws": number})
         captured = delta_v.values[np.isfinite(delta_v.values)]
         limits = window
@@ -671,7 +671,7 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble, published
         _densities_of_delta_v(axes, gains, number, delta_v, limits)
         if number in printed:
             _mark_below_remarks(axes, value, limits, **PRINTED_LINE)
-        axes.set_title(f"({'abcdefghijklmnop'[place]}) {_law(number)}")
+        axes.set_title(_law(number))
         if number == 0:
             _mark_below_remarks(axes, window, limits, color=BLACK, linestyle="--")
     for axes in panels[:: 2 if len(panels) > 1 else 1]:
@@ -925,15 +925,12 @@ def _densities_of_delta_v(axes, gains, number, delta_v, limits):
     lines += [f"{outside:,} outside"] if outside else []
     reached = f"99 %: {percentile:.1f} $\\pm$ {error:.1f} m/s"
     lines.append(reached if np.isfinite(percentile) else "99 %: none, too many lost")
-    if captured.size:
-        lines.append(f"flights {captured.mean():.1f}, sd {captured.std():.1f} m/s")
-    lines.append(f"linear {mean:.1f}, sd {deviation:.3g} m/s")
     right = limits[0] + 0.5 * (limits[1] - limits[0])  # where the text stands
     highest = max(heights.max(), 1 / (np.sqrt(2 * np.pi) * deviation) if deviation > 0 else 0.0)
     crowded = heights[edges[1:] > right].max() > 0.5 * highest
     if highest > 0.0:
         axes.set_ylim(0.0, (1.6 if crowded else 1.06) * highest)
-    axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=7, bbox=OPAQUE)
+    axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=9, bbox=OPAQUE)
 
 
 def _mark_below_remarks(axes, places, limits, **style):

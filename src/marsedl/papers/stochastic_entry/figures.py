@@ -29,6 +29,7 @@ from marsedl.papers.stochastic_entry.records import (
 )
 from marsedl.plotting.curves import (
     PRINTED_CROSS,
+    PRINTED_LINE,
     bounds,
     legend_below,
     legend_entry,
@@ -469,7 +470,7 @@ def floor(
                 textcoords="offset points",
                 ha="center",
                 va="bottom",
-                fontsize=7,
+                fontsize=8,
                 rotation=0 if np.isfinite(value) else 90,
             )
         lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, DOWNRANGE]))
@@ -538,7 +539,7 @@ def reversals(
         mark(axes, x=0.0, linestyle="-")
         axes.margins(y=0.0)
         axes.set_ylim(0, 1.55 * axes.get_ylim()[1])  # room for the legend
-        axes.legend(loc="upper left", fontsize=7)
+        axes.legend(loc="upper left")
     for axes in panels[:, 0]:
         axes.set_ylabel("density (1/km)")
     return figure
@@ -605,6 +606,9 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
             if published and component in TABULATED:
                 percentiles = published[f"tab4_{TABULATED[component]}_{law}_{trigger}"].printed
                 printed_mark(axes, x=nominal.end_time, y=percentiles, label=None)
+            if published and (component, law, trigger) == ("downrange", "stochastic", "time"):
+                printed_mark(axes, x=published["fig9_range_error_turns"].printed, label=None)
+                legend_entry(panels[0, 0], "printed: range error turns", **PRINTED_LINE)
             axes.set_xlim(0, nominal.end_time)
             _note_if_empty(axes, measured[0].values)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
