@@ -331,9 +331,13 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
 
 
 def world_of(made: Mapping[str, Any]) -> str:
-    """Return the digest of what universes are computed from, whichever they are; made: what their job is given."""
+    """Return the digest of what universes are computed from, whichever they are; made: what their job is given.
+
+    Of the code, that is all claims and stages, and not the script that computes them.
+    """
     same = {name: value for name, value in made.items() if name not in ("designs", "record", "points")}
-    return recipe_digest(same | {"inputs": made["inputs"][CORRECTED]})
+    _, _, science = made["code"].partition(" ")
+    return recipe_digest(same | {"inputs": made["inputs"][CORRECTED], "code": science})
 
 
 def selected(table: Universes, those: np.ndarray) -> Universes:
