@@ -146,6 +146,12 @@ class Project:
         """A paper's verdicts by the ids of its claims; None if none are built yet."""
         return None if self._claims is None else {row.id: row for row in self._claims if row.paper == slug}
 
+    def made_from(self, slug: str) -> dict:
+        """What a paper's build of this size is made from, as a reference stores it."""
+        from marsedl.replication.checks.reference import made_from
+
+        return made_from(self.root, _catalogue(slug), self.studies[slug], self.size)
+
     def published(self, slug: str) -> list:
         """The printed claims of a paper."""
         from marsedl.replication.claims.printed import load_published
@@ -329,7 +335,8 @@ def _verify(options) -> int:
     project, shared, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
-    agree = reference.compare_reference(project.root, project.folder, shared, folder)
+    made = {slug: project.made_from(slug) for slug in shared}
+    agree = reference.compare_reference(project.root, project.folder, shared, folder, made, all_of_them=options.all)
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 
@@ -347,7 +354,8 @@ def _accept(options) -> int:
     from marsedl.replication.claims import quotes
 
     project, shared, folder = _up_to_date(options)
-    paths = reference.accept_reference(project.root, project.folder, shared, folder)
+    made = {slug: project.made_from(slug) for slug in shared}
+    paths = reference.accept_reference(project.root, project.folder, shared, folder, made)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
         _say(*(f"wrote {path}" for path in universes.accept_universes(project.root, project.folder, shared)))
@@ -380,7 +388,8 @@ def _up_to_date(options) -> tuple[Project, dict, Path | None]:
     from marsedl.papers import SLUGS
     from marsedl.replication.pipeline.staleness import Recipes
 
-    given = [name for name in ("paper", "size", "configfile") if getattr(options, name)]
+    needed = ["paper", "size", *["configfile"] * (options.command == "accept")]
+    given = [name for name in needed if getattr(options, name)]
     if given and options.reference is None:
         raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
