@@ -7,7 +7,7 @@ import argparse
 import contextlib
 import shlex
 import sys
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import marsedl
@@ -135,16 +135,23 @@ class Project:
             self.options += f" --configfile {shlex.quote(str(path))}"
 
     @cached_property
-    def _claims(self) -> list | None:
-        """The verdicts of all papers; None if none are built yet."""
+    def _claims(self) -> list:
+        """The verdicts of all papers, of the last build of all; none if there is none."""
         from marsedl.replication.claims.rows import read_claims
 
         path = self.folder / "report" / "claims.json"
-        return read_claims(path) if path.exists() else None
+        return read_claims(path) if path.exists() else []
 
+    @cache  # noqa: B019 - a command makes one project
     def verdicts(self, slug: str) -> dict | None:
-        """A paper's verdicts by the ids of its claims; None if none are built yet."""
-        return None if self._claims is None else {row.id: row for row in self._claims if row.paper == slug}
+        """A paper's verdicts by the ids of its claims, of its last build alone or with all; None if there is none."""
+        from marsedl.replication.claims.rows import read_claims
+
+        rows = [row for row in self._claims if row.paper == slug]
+        both, own = (self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json"))
+        if own.exists() and not (rows and both.stat().st_mtime_ns >= own.stat().st_mtime_ns):
+            rows = read_claims(own)  # which knows no universes yet
+        return {row.id: row for row in rows} or None
 
     def made_from(self, slug: str) -> dict:
         """What a paper's build of this size is made from, as a reference stores it."""
@@ -176,7 +183,7 @@ class Project:
         """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
         from marsedl.replication.claims.quotes import committed, with_numbers
 
-        if self._claims is None and reading == CORRECTED:
+        if self.verdicts(slug) is None and reading == CORRECTED:
             with contextlib.suppress(InputError):  # a quote that was not accepted yet
                 return with_numbers(_catalogue(slug), committed(self.root, slug))
         return with_numbers(_catalogue(slug), self.quotes(slug, reading))
