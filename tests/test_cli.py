@@ -178,8 +178,8 @@ def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(bare_pr
     assert re.search(row, output)
     assert "printed [5.0" not in output, "it has the same target"
     assert "specific_impulse" not in output, "no reading changes it"
-    assert "none yet: run 'snakemake claims'" in output
-    assert "none yet: run 'snakemake claims --config size=smoke'" in explained(
+    assert "none yet: run 'snakemake report/claims/powered_descent.json'" in output
+    assert "none yet: run 'snakemake report/claims/powered_descent.json --config size=smoke'" in explained(
         capsys, "powered_descent", "--size", "smoke"
     )
 
@@ -189,7 +189,20 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
     write_verdicts(bare_project / "build" / "smoke", claim_row(id="a", verdict="close"))
     assert "\n  counted: 1 reproduced, 2 differs\n" in explained(capsys, "powered_descent")
     assert "\n  counted: 1 close\n" in explained(capsys, "powered_descent", "--size", "smoke")
-    assert "\n  none yet: run 'snakemake claims'\n" in explained(capsys, "funnels")
+    assert "\n  none yet: run 'snakemake report/claims/funnels.json'\n" in explained(capsys, "funnels")
+
+
+def test_explain_reads_the_claims_of_a_paper_that_was_built_alone(bare_project, capsys):
+    """Also those that are newer than the claims of all papers."""
+    own = bare_project / "report" / "claims" / "powered_descent.json"
+    own.parent.mkdir(parents=True)
+    own.write_text(json.dumps([claim_row(id="a", verdict="close")]), encoding="utf-8")
+    assert "\n  counted: 1 close\n" in explained(capsys, "powered_descent")
+    whole = bare_project / "report" / "claims.json"
+    whole.write_text(json.dumps([claim_row(id="a")]), encoding="utf-8")
+    for seconds, verdict in ((-10, "close"), (10, "differs")):
+        os.utime(whole, (own.stat().st_mtime + seconds,) * 2)
+        assert f"\n  counted: 1 {verdict}\n" in explained(capsys, "powered_descent")
 
 
 def test_explain_says_what_else_has_the_name(project, capsys):
@@ -213,7 +226,9 @@ def write_verdicts(folder, *rows):
 
 
 def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
-    assert "no verdict yet: run 'snakemake claims'" in explained(capsys, "powered_descent", "prior_final_mass")
+    assert "no verdict yet: run 'snakemake report/claims/powered_descent.json'" in explained(
+        capsys, "powered_descent", "prior_final_mass"
+    )
     write_verdicts(bare_project, claim_row())
     output = explained(capsys, "powered_descent", "prior_final_mass")
     assert "verdict: differs (reading corrected)" in output

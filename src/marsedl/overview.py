@@ -125,7 +125,7 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there, verdicts.values() if verdicts else claims)}"
     yield "\nverdicts"
     if not verdicts:
-        yield f"  none yet: run 'snakemake claims{project.options}'"
+        yield f"  none yet: run 'snakemake report/claims/{paper.slug}.json{project.options}'"
         return
     for how, numbers in summary(verdicts.values()).items():
         counted = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
@@ -243,7 +243,7 @@ def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
     yield f"claim {claim.id}: {claim.quantity}\n  {claim.where}; {printed} ({claim.kind})"
     verdict = (project.verdicts(claim.paper) or {}).get(claim.id)
     if verdict is None:
-        yield f"  no verdict yet: run 'snakemake claims{project.options}'"
+        yield f"  no verdict yet: run 'snakemake report/claims/{claim.paper}.json{project.options}'"
         return
     yield f"  verdict: {verdict.verdict} (reading {verdict.reading})"
     told = {"remark": one_line.remark(verdict)}

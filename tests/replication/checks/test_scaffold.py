@@ -127,7 +127,7 @@ def test_it_is_registered_behind_the_other_papers_and_explained_before_anything_
     assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-2:] == ["first_of_the_further_papers", SLUG]
     (claim,) = yaml.safe_load((tree / "data" / "published" / f"{SLUG}.yaml").read_text("utf-8"))["claims"]
     process = run(tree, "marsedl.cli", "explain", SLUG, claim["id"])
-    assert process.stdout.endswith("\n  no verdict yet: run 'snakemake claims'\n"), process.stderr
+    assert process.stdout.endswith(f"\n  no verdict yet: run 'snakemake report/claims/{SLUG}.json'\n"), process.stderr
 
 
 REFUSED = [

@@ -214,7 +214,7 @@ def test_slices_hold_what_is_asked_in_the_order_of_names():
         ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
         ("segment_durations", "[26.0]", ["2 items"]),
         ("gravity", ".nan", ["finite"]),
-        ("gravity", "1e3", ["number", "with a point, as in 1.0e-3"]),
+        ("gravity", "1e3", ["number", "as in 0.03 or 1.0e+5"]),
         ("trials", "2000.0", ["integer"]),
         ("large_trials", "-1", ["greater than or equal to 0"]),
         ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),

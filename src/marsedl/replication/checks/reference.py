@@ -12,15 +12,19 @@ import numpy as np
 
 from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.committed import COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
+from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
 from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import COMMITTED_INPUTS, Study, counted_inputs
+from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.fingerprints import fingerprints_of
+from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.pipeline.sharing import Shared
+from marsedl.replication.records.recipes import recipe_digest
 from marsedl.replication.records.store import holds_field, opened
-from marsedl.replication.terminal import columns
+from marsedl.replication.terminal import columns, summarize
 
 RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
 SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
@@ -30,7 +34,8 @@ NOT_TURNED = "not turned"  # of a claim without a counterexample that works
 _NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
 TURNED, TURNED_MARKER = Path("docs/verdicts.md"), "<!-- turned: written by marsedl accept -->"
 _TURNED_HEAD = re.compile(rf"{TURNED_MARKER}\n+\|.*\n\|[-|]+\n")  # the marker and the head of its table
-_ROWS = 40  # numbers in a table of changes; verdicts and printed claims are all shown
+_CLAIMS = "claims/"  # of the numbers that claims give; all other numbers are fields of artifacts
+_ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
 
@@ -50,6 +55,50 @@ def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str,
     for artifact, path in cached.items():
         entries |= {f"{artifact}/{name}": numbers for name, numbers in fields(path).items()}
     return entries
+
+
+def made_from(root: Path, paper: Paper, study: Study, size: str) -> dict:
+    """Return what a paper's build is made from, as its reference stores it.
+
+    Holds the size, the inputs by reading as they are written (of others than `corrected`, those that differ from it),
+    digests of the code behind the stages and the claims, and the versions of the libraries.
+    """
+    written = {
+        name: {key: source.written for key, source in reading.sources.items()}
+        for name, reading in study.readings.items()
+    }
+    base, sources = written[CORRECTED], fingerprints_of(root)
+    entries = {name: stage.entries for name, stage in paper.stages.items()}
+    entries["claims"] = [*sources.functions(f"marsedl.papers.{paper.slug}.claims")]
+    libraries = frozenset().union(*(sources.libraries(entry) for of in entries.values() for entry in of))
+    made = {
+        "size": size,
+        "inputs": {CORRECTED: base}
+        | {
+            name: {key: value for key, value in inputs.items() if key not in base or base[key] != value}
+            for name, inputs in written.items()
+            if name != CORRECTED
+        },
+        "code": {name: recipe_digest([sources.code(entry) for entry in of]) for name, of in entries.items()},
+        "libraries": versions_used(libraries),
+    }
+    return json.loads(json.dumps(made))
+
+
+def causes(old: Mapping, new: Mapping) -> list[str]:
+    """Say which inputs, code and libraries differ between what two builds were made from."""
+    lines, bases = [], [side["inputs"][CORRECTED] for side in (old, new)]
+    for reading in (name for name in new["inputs"] if name in old["inputs"]):
+        sides = [side["inputs"][reading] for side in (old, new)]
+        for name in dict.fromkeys([*sides[0], *sides[1]]):
+            before, after = (side.get(name, base.get(name)) for side, base in zip(sides, bases, strict=True))
+            if before != after:
+                lines.append(f"{reading}: {name} {shown(before)} -> {shown(after)}")
+    if changed := [name for name, digest in new["code"].items() if old["code"].get(name) != digest]:
+        lines.append(f"code behind {', '.join(changed)}")
+    before, after = (side["libraries"].split(", ") for side in (old, new))
+    lines += [f"library {name}" for name in after if name not in before]
+    return lines
 
 
 def _verdicts(row: Claim) -> dict[str, str]:
@@ -165,37 +214,117 @@ def _described(entry: Mapping | None, moment: int) -> str:
     return f"shape {entry['shape']}, {f'{MOMENTS[moment]} {number[0]}' if number else 'no finite number'}"
 
 
-def format_changes(comparison: Comparison) -> str:
-    """Format changes as a table: name, old, new, margin; all claims, and the first numbers."""
+def format_changes(
+    comparison: Comparison, errors: Mapping[str, float] | None = None, *, all_of_them: bool = True
+) -> str:
+    """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
+
+    errors: standard errors of the claims' numbers, by name; without one, the distance is in tolerances.
+    """
     kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
-    shown = [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *numbers[:_ROWS]]
-    rows = [("claim or field", "old", "new", "margin in tolerances")]
-    rows += [(kinds[change.of] + change.name, change.old, change.new, f"{change.margin:.3g}") for change in shown]
-    more = f"\n  and {len(numbers) - _ROWS} numbers more" if len(numbers) > _ROWS else ""
-    return columns(rows, 2) + more
+    claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
+    inner = [change for change in numbers if not change.name.startswith(_CLAIMS)]
+    shown_claims, shown_inner = (claims, inner) if all_of_them else (claims[:_ROWS], [])
+    rows = [("claim or field", "accepted", "now", "apart")]
+    for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_claims, *shown_inner]:
+        apart = f"{change.margin:.3g} tolerances" if np.isfinite(change.margin) else ""
+        if (error := (errors or {}).get(change.name)) and _NOTHING not in (change.old, change.new):
+            apart = f"{abs(float(change.new) - float(change.old)) / error:.3g} standard errors"
+        rows.append((kinds[change.of] + change.name.removeprefix(_CLAIMS), change.old, change.new, apart))
+    table = columns(rows, 2) if len(rows) > 1 else ""
+    artifacts = len({change.name.rpartition("/")[0] for change in inner})
+    folded = [f"{len(claims) - _ROWS} numbers of claims more"] * (len(claims) > len(shown_claims))
+    folded += [f"{len(inner)} numbers of {artifacts} artifacts"] * (len(inner) > len(shown_inner))
+    return "\n".join([*[table] * bool(table), *[f"  and {' and '.join(folded)}; --all shows them"] * bool(folded)])
 
 
-def compare_reference(root: Path, build: Path, papers: Mapping[str, Shared], folder: Path | None = None) -> bool:
-    """Compare a build with reference numbers; prints the changes and the worst margin of every paper.
+def compare_reference(
+    root: Path,
+    build: Path,
+    papers: Mapping[str, Shared],
+    folder: Path | None = None,
+    made: Mapping[str, dict] | None = None,
+    *,
+    all_of_them: bool = False,
+) -> bool:
+    """Compare a build with reference numbers; prints what changed before it, then the claims and the worst margin.
 
     papers: which file each artifact is, by paper. folder: holds a reference of the user's own; without it, the build is
     compared with the committed numbers and counterexamples, and is refused as well if a verdict is not explained.
+    made: what each paper is made from, see `made_from`. all_of_them: show the fields of artifacts that moved.
+
+    Raises InputError if the reference is of another size, or of readings that are not built.
     """
-    agree = True
+    reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
-        reference = committed.read_reference(root, slug, folder)
-        comparison = compare(reference, _found(build, shared, folder), shared.paper.noise)
-        without_reason = _unexplained(build, slug, folder)
-        _print(slug, comparison, without_reason)
+        reference, found = committed.read_reference(root, slug, folder), _found(build, shared, folder)
+        accepted, now = reference.pop(BUILD, None), (made or {}).get(slug)
+        where = committed.reference_file(root, slug, folder)
+        if accepted and now:
+            if accepted["size"] != now["size"]:
+                raise InputError(f"{where} was accepted at size {accepted['size']}; you compare {now['size']}")
+            reasons += [f"  {slug}, {line}" for line in causes(accepted, now)]
+        if lost := _readings_of(reference) - _readings_of(found):
+            raise InputError(
+                f"{where} has {', '.join(sorted(lost))}, not built here; give the --configfile that holds it, or accept"
+            )
+        new = (_readings_of(found) - _readings_of(reference)) & shared.own_readings
+        comparison = compare(reference, _without(found, new), shared.paper.noise)
+        without_reason, errors = _unexplained(build, slug, folder), _errors(build, slug)
+        lines = [_summary(slug, comparison)]
+        lines += [f"  {slug}: claim {claim} differs or fails without a reason that names an erratum"
+                  for claim in without_reason]  # fmt: skip
+        lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
+        table = format_changes(comparison, errors, all_of_them=all_of_them)
+        tables.append("\n".join([*lines, *[table] * bool(comparison.changes)]))
+        details.append(format_changes(comparison, errors) if comparison.changes else "")
         agree = agree and not comparison.changes and not without_reason
+    head = ["changed since these numbers were accepted:", *reasons] if reasons else []
+    text = "\n".join([*head, *tables])
+    print(text)
+    summarize(text, "\n".join(filter(None, details)))
     if not agree:
         own = folder and f"run '{committed.accept_command(folder)}'"
         print("if the changes are intended,", own or "accept them with 'marsedl accept' after a full build", flush=True)
     return agree
 
 
-def accept_reference(root: Path, build: Path, papers: Mapping[str, Shared], folder: Path | None = None) -> list[Path]:
+def _readings_of(entries: Entries) -> set[str]:
+    """The readings that have a verdict."""
+    return {reading for name, of in entries.items() if name.startswith(VERDICTS) for reading in of}
+
+
+def _without(entries: Entries, readings: Iterable[str]) -> Entries:
+    """Entries without all that is of some readings."""
+    left = {}
+    for name, entry in entries.items():
+        if name.startswith(VERDICTS):
+            left[name] = {reading: verdict for reading, verdict in entry.items() if reading not in readings}
+        elif name.split("/")[2 if name.startswith(_CLAIMS) else 0] not in readings:
+            left[name] = entry
+    return left
+
+
+def _errors(build: Path, slug: str) -> dict[str, float]:
+    """The standard errors of single numbers of claims, by the numbers' names; of a difference of two such."""
+    return {
+        f"{_CLAIMS}{row.id}/{reading}": float(np.sqrt(2.0) * result.standard_error)
+        for row in read_claims(build / f"report/claims/{slug}.json")
+        for reading, result in row.readings.items()
+        if isinstance(result.standard_error, int | float)
+    }
+
+
+def accept_reference(
+    root: Path,
+    build: Path,
+    papers: Mapping[str, Shared],
+    folder: Path | None = None,
+    made: Mapping[str, dict] | None = None,
+) -> list[Path]:
     """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
+
+    Of a first reference, or one of another size, it prints how many verdicts and numbers it holds.
 
     Numbers within tolerance keep their stored digits, so that the files show what moved and nothing else. The page on
     verdicts gets a row for each verdict of `corrected` that turned.
@@ -211,10 +340,19 @@ def accept_reference(root: Path, build: Path, papers: Mapping[str, Shared], fold
             )
         path, found = committed.reference_file(root, slug, folder), _found(build, shared, folder)
         reference = committed.read_reference(root, slug, folder) if path.exists() else {}
+        accepted, now = reference.pop(BUILD, None), (made or {}).get(slug)
+        if accepted and now and accepted["size"] != now["size"]:
+            reference = {}
         comparison = compare(reference, found, shared.paper.noise)
-        _print(slug, comparison, ())
+        if reference:
+            print(_summary(slug, comparison))
+            if comparison.changes:
+                print(format_changes(comparison, _errors(build, slug), all_of_them=False))
+        else:
+            print(_first(slug, found, now))
         found |= {name: reference[name] for name, margin in comparison.margins.items() if margin <= 1}
-        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in found.items()]
+        stored = {BUILD: now, **found} if now else found
+        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in stored.items()]
         texts[path] = "{\n" + ",\n".join(lines) + "\n}\n"
         changes = [change for change in comparison.of(VERDICTS) if change.old != _NOTHING]
         turned += [(slug, change) for change in changes if change.name.endswith(f", {CORRECTED}")]
@@ -263,10 +401,19 @@ def _unexplained(build: Path, slug: str, folder: Path | None) -> list[str]:
     return unexplained(read_claims(build / f"report/claims/{slug}.json")) if folder is None else []
 
 
-def _print(slug: str, comparison: Comparison, without_reason: Iterable[str]) -> None:
+def _first(slug: str, found: Entries, made: Mapping | None) -> str:
+    """What a first reference holds, in a line."""
+    verdicts = sum(len(entry) for name, entry in found.items() if name.startswith(VERDICTS))
+    numbers = sum(not name.startswith((VERDICTS, PUBLISHED, COUNTEREXAMPLES)) for name in found)
+    of = f" of size {made['size']}" if made else ""
+    return f"{slug}: first reference{of}: {verdicts} verdicts, {numbers} numbers"
+
+
+def _summary(slug: str, comparison: Comparison) -> str:
+    """What was compared and how much of it differs, in a line."""
     margins, rounding, printed = comparison.margins, len(comparison.by_shape), len(comparison.of(PUBLISHED))
     worst = max(margins, key=margins.get, default="none of them was built")
-    print(
+    return (
         f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, "
         f"{len(comparison.of(VERDICTS))} verdicts changed, "
         f"{sum(margin > 1 for margin in margins.values())} numbers beyond tolerance, "
@@ -275,7 +422,3 @@ def _print(slug: str, comparison: Comparison, without_reason: Iterable[str]) -> 
         + f"; {rounding} that rounding decides compared by shape" * bool(rounding)
         + f"; {printed} printed claims differ from those accepted" * bool(printed)
     )
-    if comparison.changes:
-        print(format_changes(comparison))
-    for claim in without_reason:
-        print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")

@@ -57,6 +57,7 @@ def next_steps(slug: str) -> str:
     """Return what is left to do for a new paper, one step a line."""
     return f"""\
 build it:      snakemake {slug} --config size=smoke
+read verdicts: marsedl explain {slug} --size smoke
 test it:       pytest tests/papers/test_{slug}.py
 replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where
 tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time

@@ -7,6 +7,7 @@ from pathlib import Path
 from marsedl.replication.errors import MarsedlError
 
 VERDICTS, PUBLISHED, COUNTEREXAMPLES = "verdicts/", "published/", "counterexamples/"
+BUILD = "build"  # what the numbers were made from
 MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
 
 

@@ -70,8 +70,8 @@ def sentence(fault: typing.Mapping, written: object = ...) -> str:
     """Return what is wrong by an entry of `ValidationError.errors`, and the value as it is written unless left out."""
     message = fault["msg"].removeprefix("Value error, ").replace("valid tuple", "valid list").replace("Tuple", "List")
     given = "" if written is ... else f" (given: {shown(written)})"
-    is_number = re.fullmatch(r"[+-]?[0-9]+[eE][+-]?[0-9]+", str(fault["input"]).strip())
-    hint = "; YAML reads this as text: write the number with a point, as in 1.0e-3" if is_number else ""
+    is_number = re.fullmatch(r"[+-]?[0-9]+(,[0-9]+|[eE][+-]?[0-9]+)", str(fault["input"]).strip())
+    hint = "; YAML reads this as text: write the number with a point, as in 0.03 or 1.0e+5" if is_number else ""
     return f"{message}{given}{hint}"
 
 

@@ -137,7 +137,7 @@ def load_studies(
     settings = checked(own, config, place)
     own_choices = {slug: (config.get(slug) or {}).get("choices", {}) for slug in models}
     return {
-        slug: replace(_study(slug, model, root, settings, place / slug), own_choices=own_choices[slug])
+        slug: replace(_study(slug, model, root, settings, place / slug, files), own_choices=own_choices[slug])
         for slug, model in models.items()
     }
 
@@ -167,7 +167,9 @@ def _digest(values: dict) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_place: Place) -> Study:
+def _study(
+    slug: str, model: type[Inputs], root: Path, settings: Settings, own_place: Place, files: Iterable[Place]
+) -> Study:
     path = Path("configs") / f"{slug}.yaml"
     place = Place(str(path), read_yaml(root / path))
     file, part = checked(configuration(model), place.document, place), getattr(settings, slug)
@@ -185,7 +187,7 @@ def _study(slug: str, model: type[Inputs], root: Path, settings: Settings, own_p
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
     readings, left_out = resolver.readings, set()
     if settings.size != FULL:
-        limits, left_out = _size(file, settings.size, place)
+        limits, left_out = _size(file, settings.size, place, files)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: resolver.limited(reading, limits, place) for name, reading in readings.items()}
@@ -213,11 +215,12 @@ def _joined(file: Mapping[str, typing.Any], own: Mapping[str, typing.Any]) -> di
     return joined
 
 
-def _size(file: Keys, size: str, place: Place) -> tuple[dict[str, dict[str, float]], set[str]]:
+def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[dict[str, dict[str, float]], set[str]]:
     """Return the limits of a size, by section, and the readings of the file that it does not compare."""
     if size not in file.sizes:
         hint = nearest(size, [FULL, *file.sizes])
-        raise InputError(f"--config size={size}: {place.origin} defines no such size; {hint}")
+        asked = [f"{own / 'size'}: {size}" for own in files if own.document.get("size") == size]
+        raise InputError(f"{[*asked, f'--config size={size}'][0]}: {place.origin} defines no such size; {hint}")
     limits, place = file.sizes[size].model_dump(exclude_unset=True), place / "sizes" / size / "readings"
     names = limits.pop("readings", list(file.readings))
     if not {PRINTED, CORRECTED} <= set(names):

@@ -32,7 +32,7 @@ class _StrictLoader(yaml.CSafeLoader):
     def construct_decimal(self, node):
         """Numbers as they look: to YAML, 1:30 is ninety and 017 is fifteen."""
         if ":" in node.value or re.fullmatch(r"[-+]?0[0-7_]+", node.value):
-            reason = f"YAML does not read {shown(node.value)} as a decimal number; write one"
+            reason = f"YAML does not read {shown(node.value)} as a decimal number; write one, with a point for a comma"
             raise yaml.MarkedYAMLError(problem=reason, problem_mark=node.start_mark)
         return self.construct_yaml_int(node) if node.tag.endswith(":int") else self.construct_yaml_float(node)
 

@@ -36,6 +36,11 @@ class Shared:
         """The readings whose artifacts are made as files."""
         return self._study.built
 
+    @property
+    def own_readings(self) -> frozenset[str]:
+        """The readings of a user's file."""
+        return self._study.own_readings
+
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
         stage, _, case = name.partition(".")
@@ -60,7 +65,7 @@ class Shared:
 
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
-        own = reading in self._study.own_readings
+        own = reading in self.own_readings
         stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
         names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
         names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
