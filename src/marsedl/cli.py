@@ -397,8 +397,11 @@ def _verify(options) -> int:
     """
     if options.numbers:
         return _numbers(options)
+    from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference, twice, universes
 
+    size = Project(options.size, options.configfile).size
+    reference.check_size(project_root(), options.paper or SLUGS, options.reference, size)
     project, shared, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)

@@ -59,6 +59,7 @@ def project(tmp_path, monkeypatch):
     reference.accept_reference(tmp_path, tmp_path, owned(), made=made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None, made_from=made.get)
+    monkeypatch.setattr(cli, "Project", lambda size, config_file: SimpleNamespace(size="full"))
     monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
@@ -280,7 +281,7 @@ def test_the_log_and_the_summary_begin_with_what_was_changed(project, capsys, mo
 
 def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project):
     with pytest.raises(InputError, match="accepted at size full; you compare smoke"):
-        reference.compare_reference(project, project, owned(), made={SLUG: {**MADE, "size": "smoke"}})
+        reference.check_size(project, [SLUG, "not_accepted"], None, "smoke")
     claim(project, 1349.4, printed="differs")
     reference.accept_reference(project, project, owned(), made={SLUG: MADE})
     claim(project, 1349.4)

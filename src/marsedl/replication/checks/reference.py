@@ -238,6 +238,15 @@ def format_changes(
     return "\n".join([*[table] * bool(table), *[f"  and {' and '.join(folded)}; --all shows them"] * bool(folded)])
 
 
+def check_size(root: Path, slugs: Iterable[str], folder: Path | None, size: str) -> None:
+    """Raise InputError if a reference, as far as it is there, was accepted at another size."""
+    for slug in slugs:
+        path = committed.reference_file(root, slug, folder)
+        of = committed.read_reference(root, slug, folder).get(BUILD) if path.exists() else None
+        if of and of["size"] != size:
+            raise InputError(f"{path} was accepted at size {of['size']}; you compare {size}")
+
+
 def compare_reference(
     root: Path,
     build: Path,
@@ -253,20 +262,18 @@ def compare_reference(
     compared with the committed numbers and counterexamples, and is refused as well if a verdict is not explained.
     made: what each paper is made from, see `made_from`. all_of_them: show the fields of artifacts that moved.
 
-    Raises InputError if the reference is of another size, or of readings that are not built.
+    Raises InputError if the reference has readings that are not built.
     """
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
         reference, found = committed.read_reference(root, slug, folder), _found(build, shared, folder)
         accepted, now = reference.pop(BUILD, None), (made or {}).get(slug)
-        where = committed.reference_file(root, slug, folder)
         if accepted and now:
-            if accepted["size"] != now["size"]:
-                raise InputError(f"{where} was accepted at size {accepted['size']}; you compare {now['size']}")
             reasons += [f"  {slug}, {line}" for line in causes(accepted, now)]
         if lost := _readings_of(reference) - _readings_of(found):
             raise InputError(
-                f"{where} has {', '.join(sorted(lost))}, not built here; give the --configfile that holds it, or accept"
+                f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}, not built here; "
+                f"give the --configfile that holds it, or accept"
             )
         new = (_readings_of(found) - _readings_of(reference)) & shared.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
@@ -284,7 +291,7 @@ def compare_reference(
     print(text)
     summarize(text, "\n".join(filter(None, details)))
     if not agree:
-        own = folder and f"run '{committed.accept_command(folder)}'"
+        own = folder and f"run '{committed.accept_command(folder)}' with the options of this check"
         print("if the changes are intended,", own or "accept them with 'marsedl accept' after a full build", flush=True)
     return agree
 
