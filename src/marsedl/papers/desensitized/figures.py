@@ -150,9 +150,10 @@ def fig07b(gains: Gains, responses: Responses, published=None) -> Figure:
     return _bank_angles(gains, responses, DOWNRANGE, published["fig07b_phase_times"].printed if published else ())
 
 
-def fig08(gains: Gains, responses: Responses) -> Figure:
+def fig08(gains: Gains, responses: Responses, published=None) -> Figure:
     """Position errors over time after a downrange error at entry."""
-    return _histories(gains, responses, DOWNRANGE, (NO_DOC,))
+    values = published["fig08_nofeedback_final_errors"].printed if published else ()
+    return _histories(gains, responses, DOWNRANGE, (NO_DOC,), dict(zip(CHANNELS, values, strict=False)))
 
 
 def fig09(gains: Gains, responses: Responses) -> Figure:

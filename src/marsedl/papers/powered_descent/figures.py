@@ -205,9 +205,17 @@ def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: Fl
 
 
 def fig07(
-    mission: Mission, gains: Gains, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None
+    mission: Mission,
+    gains: Gains,
+    closed_loop: FlightEnsemble,
+    closed_loop_large: FlightEnsemble | None = None,
+    published=None,
 ) -> Figure:
-    """Predicted and measured variances of downrange and altitude, with the sampling band of the prediction."""
+    """Predicted and measured variances of downrange and altitude, with the sampling band of the prediction.
+
+    published: to mark the final variances of Eq. 54.
+    """
+    printed = published["mc_final_cov_diag"].printed[:2] if published else ()
     flights = closed_loop_large or closed_loop
     figure, panels = new_figure(7.2, 5.0, nrows=2, ncols=2, sharex=True, height_ratios=(2, 1))
     for component, color, (variance, ratio) in zip(PLANE, (BLUE, ORANGE), panels.T, strict=True):
@@ -217,6 +225,9 @@ def fig07(
         predicted_against_sampled(
             variance, ratio, predicted, sampled, flights.count, color=color, label="predicted (Eq. 40)"
         )
+    for variance, value in zip(panels[0], printed, strict=False):
+        printed_mark(variance, x=gains.time[-1], y=value, label=f"final, printed: {value:g} m²")
+    for variance in panels[0]:
         variance.legend()
     mark(*panels.flat, x=mission.segment_durations[0])
     panels[0, 0].set_xlim(0, gains.time[-1])
