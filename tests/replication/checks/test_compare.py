@@ -88,6 +88,18 @@ def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp
     assert [one.name for one in changed_inputs(BEFORE, other)] == ["noise.noise_coefficient", "size"]
 
 
+def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_corrected(tmp_path, monkeypatch):
+    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
+    corrected = study.readings["corrected"].inputs.plain()
+    (tmp_path / "data/cache/powered_descent/corrected").mkdir(parents=True)
+    (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
+    used = {"mission.final_covariance": corrected["mission.final_covariance"], "entry.initial_speed": 1.0}
+    monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
+    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "full"})
+    point = of_other_build("target4", study, tmp_path)
+    assert {one.name for one in changed_inputs(BEFORE, point)} == {"entry.initial_speed", "size"}
+
+
 def test_inputs_that_differ_are_named_with_both_values():
     assert [tuple(one) for one in changed_inputs(BEFORE, AFTER)] == [("mass", "1", "3")]
     assert changed_inputs(BEFORE, BEFORE) == []

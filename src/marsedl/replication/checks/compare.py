@@ -86,16 +86,17 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
     Raises InputError if the reading is unknown, or if its claims or artifacts are not there.
     """
     side, used = side_of(name, study, build), {}
-    folders = [build / "data/cache" / study.paper / reading for reading in (CORRECTED, name)]  # the second shares
+    own, shared = (json.loads(json.dumps(study.readings[one].inputs.plain())) for one in (name, CORRECTED))
+    folders = [build / "data/cache" / study.paper / reading for reading in dict.fromkeys((CORRECTED, name))]
     for path in (path for folder in folders for path in sorted(folder.glob("*.h5"))):
         made = store.provenance(path)
-        used |= made["inputs"]
+        theirs = path.parent.name == name  # else an artifact of corrected, which tells what the two share
+        used |= {key: value for key, value in made["inputs"].items() if theirs or own.get(key) == shared.get(key)}
     if not used:
         raise InputError(
             f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them as well"
         )
     inputs = study.readings[name].inputs
-    own = json.loads(json.dumps(inputs.plain()))
     other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
              for key, value in used.items() if own.get(key) != value}  # fmt: skip
     return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
