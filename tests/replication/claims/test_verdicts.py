@@ -61,7 +61,7 @@ def test_every_published_file_loads():
         ("    trials: 2000\n", "", [":3: claims.mass", "'trials' is missing"]),
         ("resolution: 1", "resolution: 0", ["claims.mass.resolution", "positive"]),
         ("printed: 1349", "printed: many", ["claims.mass.printed", "many"]),
-        ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 1.0e-3"]),
+        ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 0.03 or 1.0e+5"]),
         ("id: mass", "id: a mass", [":3: claims.a mass.id"]),
         ("claims:", "claims: [", ["paper.yaml"]),
     ],
