@@ -28,7 +28,10 @@ rule report:
         [
             f"report/{page}"
             for page in site_files(
-                {**{s: [*PAPERS[s].figures, HEADLINE, *UNIVERSE_PICTURES[s]] for s in PAPERS}, "comparison": COMPARISONS}
+                {
+                    **{s: [*PAPERS[s].figures, HEADLINE, *UNIVERSE_PICTURES[s]] for s in PAPERS},
+                    "comparison": COMPARISONS,
+                }
             )
         ],
     log:
