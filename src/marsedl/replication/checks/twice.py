@@ -14,7 +14,10 @@ from marsedl.replication.errors import MarsedlError
 from marsedl.replication.records.differences import digest_tree
 from marsedl.replication.sizes import build_folder
 
-TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
+TREE = (
+    *("Snakefile", "CITATION.cff", "profiles", "workflow", "configs", "src"),
+    *("data/published", "data/reference", "data/atmosphere"),
+)
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
 # Cores, chunks (none: as configured) and variables that must not matter: the order of sets and dictionaries, the date
 # and the language.
