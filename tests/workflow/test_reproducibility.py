@@ -63,7 +63,7 @@ def test_every_product_of_the_catalogue_is_there_and_not_empty(copied):
         paper, folder = catalogue(slug), copied.path("figures") / slug
         names = [f"{stem}.{kind}" for stem in paper.figures for kind in ("png", "pdf")]
         tables = [*paper.tables, "claims"]
-        names += [f"{stem}.{kind}" for stem in tables for kind in ("csv", "md")]
+        names += ["headline.png", *(f"{stem}.{kind}" for stem in tables for kind in ("csv", "md"))]
         assert {path.name for path in folder.glob("*.*")} == set(names)
         assert all((folder / name).stat().st_size > 100 for name in names)
 
@@ -71,7 +71,8 @@ def test_every_product_of_the_catalogue_is_there_and_not_empty(copied):
 def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(copied):
     rows = json.loads(copied.path("report/claims.json").read_text(encoding="utf-8"))
     for slug in SLUGS:
-        page = copied.path(f"report/{slug}.html").read_text(encoding="utf-8")
+        both = f"report/{slug}.html", f"report/{slug}_evidence.html"
+        page = "".join(copied.path(name).read_text(encoding="utf-8") for name in both)
         assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
         assert str(copied.folder) not in page
         rows_of_paper = [row for row in rows if row["paper"] == slug]
