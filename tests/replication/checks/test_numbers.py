@@ -17,6 +17,7 @@ def gate(tmp_path, monkeypatch, capsys):
     files = ["--numbers", "results.csv", "--reference", "kept/reference.json"]
     assert cli.main(["accept", *files]) == 0
     assert "2 numbers" in capsys.readouterr().out
+    assert cli.main(["accept", *files[:3], "kept"]) == 2 and "kept is a folder" in capsys.readouterr().err
 
     def compared(text, *more):
         table.write_text(text, encoding="utf-8")
@@ -58,6 +59,8 @@ def test_the_tolerance_is_the_callers(gate):
         (f"{HEAD}a,nan,km,\n", "must be finite"),
         (f"{HEAD}a,1,km,-1\n", "the error not negative"),
         (f"{HEAD}a,1,km,\na,2,km,\n", "line 3: a stands there twice"),
+        (f"{HEAD}a,1,km\n", "line 2: must have 4 cells"),
+        (f"{HEAD}a,1,km,0.1,2\n", "line 2: must have 4 cells"),
         (HEAD, "holds no numbers"),
     ],
 )

@@ -39,6 +39,8 @@ def read_table(path: Path) -> dict[str, Entry]:
             found = {}
             for row in rows:
                 place, name = f"{path}, line {rows.line_num}", row["name"]
+                if None in (*row, *row.values()):
+                    raise InputError(f"{place}: must have {len(rows.fieldnames)} cells, as the first line has")
                 if not name or name in found:
                     raise InputError(f"{place}: {f'{name} stands there twice' if name else 'a name is missing'}")
                 found[name] = _entry(row, f"{place}: {name}")
@@ -55,13 +57,11 @@ def read_reference(path: Path) -> dict[str, Entry]:
         entries = json.loads(path.read_text(encoding="utf-8"))
         return {name: _entry(entry, f"{path}: {name}") for name, entry in entries.items()}
     except FileNotFoundError:
-        raise InputError(
-            f"{path} is missing; write it with 'marsedl accept --numbers TABLE --reference {path}'"
-        ) from None
+        command = f"marsedl accept --numbers TABLE --reference {path}"
+        raise InputError(f"{path} is missing; write it with '{command}'") from None
     except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path}: is no reference of numbers ({error}); restore it, or accept the table again"
-        ) from None
+        remedy = "restore it, or accept the table again"
+        raise InputError(f"{path}: is no reference of numbers ({error}); {remedy}") from None
 
 
 def _entry(row: Mapping, place: str) -> Entry:
@@ -87,6 +87,10 @@ def tolerance_of(text: str) -> float:
 def accept_numbers(table: Path, path: Path) -> str:
     """Store a table as reference; returns what was written, in a line."""
     found = read_table(table)
+    if path.is_dir():
+        raise InputError(
+            f"{path} is a folder; --reference takes a file with --numbers, such as {path / 'numbers.json'}"
+        )
     lines = [f" {json.dumps(name)}: {json.dumps(entry._asdict())}" for name, entry in found.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
