@@ -33,12 +33,10 @@ def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
     said = f"{len(refuted)} of {len(decided)} claims on it {'does' if len(refuted) == 1 else 'do'} not stand"
     if refuted:
         first = (failed or refuted)[0]
-        return (OTHER if failed else OTHER_SCALE), f"{said}: {_plain(first)}"
-    return SAME, f"All {len(decided)} claims on it stand." if len(decided) > 1 else f"It stands: {_plain(decided[0])}"
-
-
-def _plain(row: Claim) -> str:
-    return row.plain or f"{row.quantity}."
+        return (OTHER if failed else OTHER_SCALE), f"{said}: {first.plain or first.quantity}"
+    return SAME, f"All {len(decided)} claims on it stand." if len(
+        decided
+    ) > 1 else f"It stands: {decided[0].plain or decided[0].quantity}"
 
 
 def with_likeness(paper: Paper, claims: Mapping[str, Claim]) -> Paper:
