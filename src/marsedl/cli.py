@@ -346,10 +346,10 @@ def _compare(options) -> int:
             kind, suffix = ("universes", "h5") if colon else ("claims", "json")
             project.check([f"report/{kind}/{paper.slug}.{suffix}"])
             sides.append(compare.side_of(name, study, project.folder))
-    before, after = sides
     published = project.published(paper.slug)
-    _say(*overview.compared(before, after, published, as_json=options.json))
-    names = "-".join(re.sub(r"\W+", "_", side.name) for side in (after, before))
+    difference = compare.difference(*sides, published)
+    _say(*overview.compared(difference, published, as_json=options.json))
+    names = "-".join(re.sub(r"\W+", "_", side.name) for side in reversed(sides))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
 
     def own(picture: Path) -> str:
@@ -358,7 +358,7 @@ def _compare(options) -> int:
         return inside if inside and inside.startswith("figures/") else ""
 
     absent = compare.write_page(
-        *(path, paper, before, after, published),
+        *(path, paper, difference, published),
         lambda picture: bool(own(picture)) and project.recipes.is_stale(own(picture), project.folder),
     )
     print(f"wrote {path}", file=sys.stderr)

@@ -4,15 +4,13 @@ A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers t
 """
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
 from math import isfinite, nan
 from pathlib import Path
-from types import SimpleNamespace
 
-from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, entry_of
@@ -39,12 +37,6 @@ def _counts(items: dict, claims) -> str:
     return f"{others}\n  {counted(claims).in_words}"
 
 
-def _committed(root: Path, slug: str, printed) -> list[SimpleNamespace]:
-    """The printed claims with their committed verdicts."""
-    verdicts = committed_verdicts(root, slug)
-    return [SimpleNamespace(kind=k, verdict=verdicts.get(i, {}).get(CORRECTED), headline=None) for i, k in printed]
-
-
 def there(root: Path, slug: str) -> str:
     """Return how many of each kind a paper has by its files, whose content is not checked, as that takes longest."""
     from marsedl.replication.inputs.yaml_file import read_yaml
@@ -63,21 +55,19 @@ def there(root: Path, slug: str) -> str:
         "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
         "cases": config["chunks"],
     }
-    claims = _committed(root, slug, [(claim["id"], claim["kind"]) for claim in printed["claims"]])
+    claims = with_committed(root, slug, [(claim["id"], claim["kind"], None) for claim in printed["claims"]])
     return f"{_heading(package.PAPER)}\n  {_counts(items, claims)}\n"
 
 
 def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
     """What a paper has of each kind: a row for each item, its name first."""
     from marsedl.replication.report.likeness import with_likeness
+    from marsedl.replication.report.one_line import first_sentence
 
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
     rows = project.verdicts(paper.slug) or {}
     verdicts, paper = {name: claim.verdict for name, claim in rows.items()}, with_likeness(paper, rows)
     inputs = readings[CORRECTED].inputs
-
-    def first_sentence(caption: str) -> str:
-        return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")  # the full stop of "Fig. 9" ends no sentence
 
     return {
         "readings": [(n, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for n, r in readings.items()],
@@ -112,6 +102,7 @@ def listed(project, paper, kinds) -> Iterator[str]:
 def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
     from marsedl.replication.claims.rows import summary
+    from marsedl.replication.report.front_page import committed_claims
 
     there, verdicts = _items(project, paper), project.verdicts(paper.slug)
     yield f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}"
@@ -121,8 +112,8 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     if choices := project.studies[paper.slug].choices:
         yield f"\nchoices: what is doubted about the paper (marsedl what-if {paper.slug} CHOICE=VALUE)"
         yield columns([(one.name, one.because, _values(one), one.asks) for one in choices], 2)
-    claims = _committed(project.root, paper.slug, [(one.id, one.kind) for one in project.published(paper.slug)])
-    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there, verdicts.values() if verdicts else claims)}"
+    claims = verdicts.values() if verdicts else committed_claims(project.root, paper.slug)
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there, claims)}"
     yield "\nverdicts"
     if not verdicts:
         yield f"  none yet: run 'snakemake report/claims/{paper.slug}.json{project.options}'"
@@ -173,16 +164,12 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
     yield columns(table, 0, wrap=False)
 
 
-def compared(before, after, published, *, as_json: bool = False) -> Iterator[str]:
+def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
-    from marsedl.replication.checks.compare import changed_inputs, judged_in_one, moved_claims, numbers_of
+    from marsedl.replication.checks.compare import numbers_of
     from marsedl.replication.inputs.choices import in_words
 
-    changed, rows, alone = (
-        changed_inputs(before, after),
-        moved_claims(before, after, published),
-        judged_in_one(before, after),
-    )
+    before, after, changed, rows, alone = difference
     if as_json:
         claims = [{**asdict(row), "standard_errors": row.sigmas} for row in rows]
         claims = [{k: v if not isinstance(v, float) or isfinite(v) else None for k, v in c.items()} for c in claims]

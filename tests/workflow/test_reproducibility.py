@@ -71,8 +71,7 @@ def test_every_product_of_the_catalogue_is_there_and_not_empty(copied):
 def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(copied):
     rows = json.loads(copied.path("report/claims.json").read_text(encoding="utf-8"))
     for slug in SLUGS:
-        both = f"report/{slug}.html", f"report/{slug}_evidence.html"
-        page = "".join(copied.path(name).read_text(encoding="utf-8") for name in both)
+        page = "".join(copied.path(f"report/{slug}{end}.html").read_text("utf-8") for end in ("", "_evidence"))
         assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
         assert str(copied.folder) not in page
         rows_of_paper = [row for row in rows if row["paper"] == slug]

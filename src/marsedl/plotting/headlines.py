@@ -102,14 +102,13 @@ def _draw_bars(ax, title: str, bars: Sequence[Bar]) -> None:
     mixed = len({one.unit for one in bars}) > 1
     for k, one in enumerate(bars):
         printed, found, error = (of / (np.abs(one.printed) if mixed else 1.0) for of in one[1:4])
-        first = {"label": "printed"}, {"label": "ours"}
         if len(printed) == 1:
             ax.plot([printed[0], found[0]], [k + 0.05] * 2, color=GREY, lw=1.0, zorder=1)
-            ax.plot(printed, [k + 0.05], "D", color=BLACK, ms=6, zorder=2, **first[0])
-            ax.errorbar(found, [k + 0.05], xerr=error, fmt="o", color=BLUE, ms=5, capsize=3, zorder=3, **first[1])
+            ax.plot(printed, [k + 0.05], "D", color=BLACK, ms=6, zorder=2, label="printed")
+            ax.errorbar(found, [k + 0.05], xerr=error, fmt="o", color=BLUE, ms=5, capsize=3, zorder=3, label="ours")
         else:
-            ax.plot(printed, [k - 0.04] * len(printed), color=BLACK, lw=4, solid_capstyle="butt", **first[0])
-            ax.plot(found, [k + 0.14] * len(found), color=BLUE, lw=4, solid_capstyle="butt", **first[1])
+            ax.plot(printed, [k - 0.04] * len(printed), color=BLACK, lw=4, solid_capstyle="butt", label="printed")
+            ax.plot(found, [k + 0.14] * len(found), color=BLUE, lw=4, solid_capstyle="butt", label="ours")
             ax.errorbar(found, [k + 0.14] * len(found), xerr=error, fmt="none", ecolor=SKY, capsize=3)
         texts = [" to ".join(f"{number:.4g}" for number in of) for of in (one.printed, one.found)]
         unit = "" if one.unit == "1" else f" {one.unit}"

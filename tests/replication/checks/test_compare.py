@@ -125,8 +125,7 @@ def test_a_page_says_what_moved_and_which_figures_are_not_drawn(copied):
     process = copied.marsedl("compare", "powered_descent", "printed", "--size", "smoke")
     assert process.returncode == 0, process.stderr
     assert process.stdout.startswith("inputs that differ, corrected -> printed:\n")
-    (page,) = copied.folder.glob("build/compare/*.html")
-    text = page.read_text(encoding="utf-8")
+    text = next(copied.folder.glob("build/compare/*.html")).read_text(encoding="utf-8")
     assert "Inputs that differ" in text and "fig07" in text, "figures of printed are not drawn by all, and it says so"
     universes = copied.marsedl("compare", "powered_descent", "universe:1", "universe:0", "--size", "smoke", "--json")
     assert universes.returncode == 0 and '"inputs"' in universes.stdout

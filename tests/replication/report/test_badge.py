@@ -1,7 +1,8 @@
 """The badge: that it counts what the report counts, in the schema that it is read by."""
 
 from marsedl.replication.claims.claim import COUNTED_VERDICTS, LISTED_VERDICTS
-from marsedl.replication.report.front_page import CommittedClaim, badge
+from marsedl.replication.claims.committed import CommittedClaim
+from marsedl.replication.report.front_page import badge
 
 
 def rows(*verdicts):

@@ -20,7 +20,7 @@ from marsedl.plotting import style
 from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED, Claim, Result, Standing, Tolerance
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
-from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.errors import ArtifactError
 from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 from marsedl.replication.report.assembly import Input, PaperReport, Reading, Solved
@@ -159,7 +159,6 @@ def example(folder, hostile="plain"):
         errata=errata,
         question=f"Does it land? {hostile}",
         in_short=("It lands.", f"It is $\\sigma_x$ wide. {hostile}"),
-        picture="fig02",
     )
     paper = PaperReport(
         catalogue,
@@ -476,12 +475,6 @@ def refused(folder, papers, environment, error, *words):
     assert all(word in str(caught.value) for word in words)
     assert output.read_text() == "good"
     assert list(output.parent.iterdir()) == [output]
-
-
-def test_a_picture_that_is_no_figure_is_refused(tmp_path):
-    (paper, _), environment = example(tmp_path)
-    paper = replace(paper, catalogue=replace(paper.catalogue, picture="fig2"))
-    refused(tmp_path, [paper], environment, InputError, "powered_descent", "'fig2'")
 
 
 @pytest.mark.parametrize("content", [None, b"GIF89a"])

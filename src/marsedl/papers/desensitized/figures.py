@@ -209,7 +209,7 @@ def _sweep(gains, responses, channel, compared, sweep):
     return figure
 
 
-def _histories(gains, responses, channel, compared, printed=None):
+def _histories(gains, responses, channel, compared, printed):
     """Position errors over time of laws and of the channel's own, for the error at entry that the figures have.
 
     printed: final errors without feedback by component, as far as the paper prints them.
@@ -235,7 +235,7 @@ def _histories(gains, responses, channel, compared, printed=None):
                 label += f", ends at {end:.0f} s"
                 plot(axes, curve.where(slice(-1, None)), color=color, marker="o", markersize=4)
             plot(axes, curve, color=color, linestyle=style, label=label)
-        if component in (printed or ()):
+        if component in printed:
             end = curves[component, NO_DOC].x.values[-1]
             printed_mark(axes, x=end, y=printed[component], label=None)
         _hold(axes, 3.0 * largest)

@@ -5,12 +5,12 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import broadcast, flatten
+from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, nearest
@@ -46,6 +46,16 @@ class Changed(NamedTuple):
     after: str
 
 
+class Difference(NamedTuple):
+    """What moved between two sides: inputs that differ, claims that move, claims that only one of them evaluates."""
+
+    before: Side
+    after: Side
+    inputs: list[Changed]
+    moved: list[Moved]
+    alone: list[str]
+
+
 def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
     """Return a reading of a build.
 
@@ -72,7 +82,7 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
         else:
             values, printed = flatten(one.value), flatten(row.printed)
             errors = broadcast(one.standard_error, values)
-            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if _is_number(values.get(at))}
+            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if is_number(values.get(at))}
         numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
@@ -93,17 +103,11 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
         theirs = path.parent.name == name  # else an artifact of corrected, which tells what the two share
         used |= {key: value for key, value in made["inputs"].items() if theirs or own.get(key) == shared.get(key)}
     if not used:
-        raise InputError(
-            f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them as well"
-        )
+        raise InputError(f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them too")
     inputs = study.readings[name].inputs
     other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
              for key, value in used.items() if own.get(key) != value}  # fmt: skip
     return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def of_universe(number: int, study: Study, path: Path) -> Side:
@@ -113,9 +117,8 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
     table = store.load(path, Universes, paper=study.paper)
     places = np.flatnonzero(table.number == number)
     if not places.size:
-        raise InputError(
-            f"{path} has no universe {number}; its numbers begin with {', '.join(map(str, table.number[:3]))}"
-        )
+        first = ", ".join(map(str, table.number[:3]))
+        raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
     at = int(places[0])
     values = {name: f"{value:.4g}" if isinstance(value, float) else str(value)
               for name, value in decoded(study.choices, table.assignment[at]).items()}  # fmt: skip
@@ -183,11 +186,16 @@ def side_of(name: str, study: Study, build: Path) -> Side:
     return of_reading(name, study, read_claims(path), build / "figures" / paper)
 
 
+def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
+    """Return what moved between two sides."""
+    moved = moved_claims(before, after, published)
+    return Difference(before, after, changed_inputs(before, after), moved, judged_in_one(before, after))
+
+
 def write_page(
     path: Path,
     paper: Paper,
-    before: Side,
-    after: Side,
+    difference: Difference,
     published: Sequence[PublishedClaim],
     is_stale: Callable[[Path], bool],
 ) -> list[Path]:
@@ -197,9 +205,10 @@ def write_page(
     """
     import jinja2  # slow to import, and only needed here
 
+    sides = difference.before, difference.after
     pairs = {
-        stem: [side.figures / f"{stem}.png" for side in (before, after)]
-        for stem in (paper.figures if before.figures and after.figures else ())
+        stem: [side.figures / f"{stem}.png" for side in sides]
+        for stem in (paper.figures if all(side.figures for side in sides) else ())
     }
     absent = [one for pair in pairs.values() for one in pair if not one.exists() or is_stale(one)]
     shown = {stem: pair for stem, pair in pairs.items() if not {*pair} & {*absent}}
@@ -208,11 +217,7 @@ def write_page(
     )
     text = template.render(
         paper=paper,
-        before=before,
-        after=after,
-        inputs=changed_inputs(before, after),
-        moved=moved_claims(before, after, published),
-        alone=judged_in_one(before, after),
+        **difference._asdict(),
         printed={one.id: one for one in published},
         pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
         left_out=[stem for stem in pairs if stem not in shown],

@@ -2,13 +2,24 @@
 
 import json
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.inputs import CORRECTED
 
 VERDICTS, PUBLISHED, COUNTEREXAMPLES = "verdicts/", "published/", "counterexamples/"
 BUILD = "build"  # what the numbers were made from
 MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
+
+
+class CommittedClaim(NamedTuple):
+    """A claim with its committed verdict, None if none is committed; `counted` like claims of a build."""
+
+    kind: str
+    verdict: str | None
+    headline: int | None
 
 
 def read_reference(root: Path, slug: str, folder: Path | None = None) -> dict[str, dict | str]:
@@ -29,6 +40,12 @@ def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
     """Return the committed verdicts on a paper's claims, by claim and reading; none if nothing is committed."""
     reference = read_reference(root, slug) if reference_file(root, slug).exists() else {}
     return {name.removeprefix(VERDICTS): entry for name, entry in reference.items() if name.startswith(VERDICTS)}
+
+
+def with_committed(root: Path, slug: str, printed: Iterable[tuple[str, str, int | None]]) -> list[CommittedClaim]:
+    """Return claims of a paper, by id, kind and place among the headline, with their committed verdicts."""
+    verdicts = committed_verdicts(root, slug)
+    return [CommittedClaim(kind, verdicts.get(name, {}).get(CORRECTED), headline) for name, kind, headline in printed]
 
 
 def reference_file(root: Path, slug: str, folder: Path | None = None) -> Path:

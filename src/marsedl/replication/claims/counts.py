@@ -25,25 +25,25 @@ class Counts(NamedTuple):
     @property
     def in_words(self) -> str:
         """How many there are: "67 claims: 19 printed numbers, 40 statements; 8 cannot fail and are not counted"."""
-        kinds = f"{_plural(self.numbers, 'printed number')}, {_plural(self.statements, 'statement')}"
+        kinds = f"{plural(self.numbers, 'printed number')}, {plural(self.statements, 'statement')}"
         bound = f"; {self.bound} cannot fail and {'is' if self.bound == 1 else 'are'} not counted" if self.bound else ""
-        return f"{_plural(self.numbers + self.statements + self.bound, 'claim')}: {kinds}{bound}"
+        return f"{plural(self.numbers + self.statements + self.bound, 'claim')}: {kinds}{bound}"
 
     @property
     def of_numbers(self) -> str:
         """How the printed numbers come out: "3 of 15 printed numbers reproduce, 3 are close"."""
         close = f", {self.close} {'is' if self.close == 1 else 'are'} close" if self.close else ""
-        return f"{self.reproduced} of {_plural(self.numbers, 'printed number')} reproduce{close}"
+        return f"{self.reproduced} of {plural(self.numbers, 'printed number')} reproduce{close}"
 
     @property
     def of_statements(self) -> str:
         """How the statements come out: "20 of 31 statements hold"."""
-        return f"{self.hold} of {_plural(self.statements, 'statement')} hold"
+        return f"{self.hold} of {plural(self.statements, 'statement')} hold"
 
     @property
     def of_headline(self) -> str:
         """How the headline claims come out: "4 of 5 headline claims stand"."""
-        return f"{self.standing} of {_plural(self.headline, 'headline claim')} stand"
+        return f"{self.standing} of {plural(self.headline, 'headline claim')} stand"
 
 
 def counted(rows: Iterable[Any]) -> Counts:
@@ -64,5 +64,6 @@ def counted(rows: Iterable[Any]) -> Counts:
     )
 
 
-def _plural(number: int, word: str) -> str:
+def plural(number: int, word: str) -> str:
+    """Return a number of things, such as "1 claim" or "2 claims"."""
     return f"{number} {word}{'' if number == 1 else 's'}"

@@ -97,9 +97,9 @@ class Paper:
     `stages` are filled in from the paper's functions, and what has captions from its `texts.yaml`. `figures` and
     `tables` exist for every reading. `described` says in our words what each figure of the paper shows and what the
     paper finds in it; captions say what is drawn here.
-    `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
-    that shows it; `found` says of each headline claim, by its id, what came out. `beside` are further printed numbers
-    in the picture of the headline claims: panels by title, and claims by label in each ("claim", or "claim[0]").
+    `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `found` says of each
+    headline claim, by its id, what came out. `beside` are further printed numbers in the picture of the headline
+    claims: panels by title, and claims by label in each ("claim", or "claim[0]").
     `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
     compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
@@ -118,7 +118,6 @@ class Paper:
     errata: tuple[Erratum, ...] = ()
     question: str = ""
     in_short: tuple[str, ...] = ()
-    picture: str = ""
     found: dict[str, str] = field(default_factory=dict)
     beside: dict[str, dict[str, str]] = field(default_factory=dict)
     trials_per_block: int = 1000

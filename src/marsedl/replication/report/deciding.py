@@ -178,13 +178,11 @@ class Deciding:
 
     def open(self) -> list[Open]:
         """Return what the paper leaves open, first what moves the deciding number furthest."""
-        found = []
+        found, all_effects = [], self.judge.effects(self.number.claim.id) if self.number else ()
         for one in self._choices:
             if one.erratum:
                 continue
-            effects = (
-                [e for e in self.judge.effects(self.number.claim.id) if e.choice == one.name] if self.number else []
-            )
+            effects = [e for e in all_effects if e.choice == one.name]
             low, high = self._range(self.number.claim, one.name)[:2] if self.number else (math.nan, math.nan)
             found.append(Open(one, low, high, any(e.cause in FAILURES for e in effects)))
         return sorted(found, key=lambda one: -(one.high - one.low) if one.high > one.low else 0.0)

@@ -3,14 +3,13 @@
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.committed import CommittedClaim, with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.files import write_text
-from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Paper
 
@@ -18,14 +17,6 @@ WORDS = Path(__file__).with_name("words.yaml")
 README, BADGE = Path("README.md"), Path("docs/images/badge.svg")
 _BLOCK = re.compile(r"(?ms)^(<!-- (answers|words): written by `marsedl readme` -->\n).*?^(<!-- end -->)$")
 _COUNTS = re.compile(r"\d+ of \d+ printed numbers; \d+ of \d+ statements")
-
-
-class CommittedClaim(NamedTuple):
-    """A claim with its committed verdict, None if none is committed; `counted` like claims of a build."""
-
-    kind: str
-    verdict: str | None
-    headline: int | None
 
 
 def words() -> dict[str, str]:
@@ -45,11 +36,8 @@ def badge(rows: Iterable[Claim | CommittedClaim]) -> dict[str, Any]:
 
 def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
     """Return the claims of a paper with their committed verdicts, in the printed order."""
-    verdicts = committed_verdicts(root, slug)
-    return [
-        CommittedClaim(claim.kind, verdicts.get(claim.id, {}).get(CORRECTED), claim.headline)
-        for claim in load_published(root / "data" / "published" / f"{slug}.yaml")
-    ]
+    published = load_published(root / "data" / "published" / f"{slug}.yaml")
+    return with_committed(root, slug, [(one.id, one.kind, one.headline) for one in published])
 
 
 def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:

@@ -81,6 +81,11 @@ def remark(row: Claim) -> str:
     return "" if text.startswith("Depends on ") and row.choices else text.strip()
 
 
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a caption; the full stop of "Fig. 9" ends none."""
+    return re.split(r"\. (?=[A-Z(])", text)[0].removesuffix(".")
+
+
 def short_doubt(doubts: Sequence[Doubt]) -> str:
     """Return how many flights would settle a doubt, else why there is one."""
     trials = next((doubt.trials for doubt in doubts if doubt.trials), None)

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
-from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.counts import counted, plural
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
 from marsedl.replication.claims.rows import summary, unexplained
-from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.pipeline.catalogue import Paper, Product
@@ -71,7 +70,7 @@ def build_site(
     `environment` is that of `assembly.environment`; `comparisons` are by name, with the captions `figure` and `table`;
     `figures` is the folder of figures and tables, with a folder for each paper and one for the comparisons.
 
-    Raises InputError if the picture of a paper is none of its figures, ArtifactError if a figure cannot be read.
+    Raises ArtifactError if a figure cannot be read.
     """
     captions = {kind: {n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table")}
     compared = Paper(COMPARISON, "", "", "", figures=captions["figure"], tables=captions["table"])
@@ -125,12 +124,13 @@ def _templates() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark, one_line.short_doubt)
-    of_names = (one_line.shown_unit, one_line.near, figure_label, different, in_words, answer)
-    here = (_capital, _json, _said, _components, _by_verdict, _signed, _first_sentence)
-    templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_names, *here)} | {
+    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
+    of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
+    of_names = (figure_label, different, in_words, answer)
+    here = (_capital, _json, _said, _components, _by_verdict, _signed)
+    templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "words": lambda verdict: verdict.replace("_", " "),
-        "count": lambda number, word: f"{number} {word}{'' if number == 1 else 's'}",
+        "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,
         "raised": with_raised_powers,
@@ -217,8 +217,6 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
     rows = report.claims
     paper = with_likeness(report.catalogue, {row.id: row for row in rows})
-    if paper.picture and paper.picture not in paper.figures:
-        raise InputError(f"report: {paper.slug}: the picture {paper.picture!r} is none of its figures")
     deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
     figures = _shown(paper.figures, root / paper.slug, picture, ".png", paper.described)
@@ -273,11 +271,6 @@ def _grouped(pairs: Iterable[tuple[str, Any]]) -> dict[str, list]:
 def _said(row: Claim) -> str:
     """A claim in plain words, or else in full."""
     return _capital(row.plain or row.quantity)
-
-
-def _first_sentence(text: str) -> str:
-    """The first sentence of a caption; the full stop of "Fig. 9" ends none."""
-    return re.split(r"\. (?=[A-Z(])", text)[0].removesuffix(".")
 
 
 def _by_verdict(row: Claim) -> dict[str, list[str]]:

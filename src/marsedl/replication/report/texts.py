@@ -60,7 +60,6 @@ class _Texts(Keys):
 
     question: Plain = ""
     in_short: tuple[Text, ...] = ()
-    picture: str = ""
     found: dict[str, Text] = Field({})
     beside: dict[Plain, dict[Plain, Plain]] = Field({})
 
@@ -92,7 +91,6 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         errata=tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
         question=texts.question,
         in_short=texts.in_short,
-        picture=texts.picture,
         found=texts.found,
         beside=texts.beside,
     )
