@@ -145,6 +145,5 @@ def lost(record, laws, outcome, kept=0):
 def test_claims_cope_with_lost_laws(reading, laws, outcome, kept):
     change = of_flights(random_field.FlightEnsemble, lambda record: lost(record, laws, outcome, kept))
     found = verdicts("random_field", reading, change)
-    # Without a law the statement fails; of lost flights it says nothing.
-    expected = ("fails",) if reading == "printed" else ("fails", "undetermined")
+    expected = ("fails",) if reading == "printed" else ("fails", "undetermined")  # no law; lost flights say nothing
     assert found["acap_lc_better_for_guess_state"] in expected and found["acap_dv_p99_closed"] == "differs"

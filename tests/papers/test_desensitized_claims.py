@@ -48,7 +48,7 @@ BY_CONSTRUCTION = {
     *("desensitized_j0_larger", "nodoc_smallest_j0", "j0_increases_with_c1"),  # rows chosen for their printed J0
     *("nodoc_two_reversals", "nodoc_rate_within_bounds", "nodoc_accel_within_bounds", "fig04_fig05_same_trajectory"),
     *("dfdy_third_column_zero", "dr_column_e3", "dr_column_independent_of_scheme_and_shape", "dr_sensitivity_nodoc"),
-    "fig08_nofeedback_final_errors",
+    *("fig08_nofeedback_final_errors", "fig11_nofeedback_crossrange_1000m"),
 }
 DIFFERS = {"tab03_c0", "tab03_c0p01", "tab03_c0p1", "max_reduction_percent"}
 CLOSE = {"tab03_c0p001", "tab03_c1", "tab03_cinf_error"}

@@ -224,7 +224,8 @@ def test_a_percentile_among_lost_trials_does_not_exist(random_field, random_fiel
         assert judge(random_field_published[name], new_evaluations[name]).verdict == "differs"
         # Statements about the distribution of the trials are not met by those that are left.
         for statement in ("acap_abs_value_error_source", "acap_lc_mismatch_iteration_2", "acap_lc_approximates_dv"):
-            assert new_evaluations[statement].value is False, statement
+            judged = judge(random_field_published[statement], new_evaluations[statement])
+            assert judged.verdict in ("fails", "undetermined"), statement
 
 
 def test_distances_of_distributions_and_tails():
@@ -328,13 +329,13 @@ def test_what_cannot_fail_is_not_counted(rows):
     assert rows["acap_guess_hits_target"].readings["angle_printed"].verdict == "fails"
 
 
-def test_lost_flights_prove_no_statement_about_the_last_law(random_field):
+def test_lost_flights_prove_no_statement_about_the_last_law(random_field, random_field_published):
     """Zero lift at the peak counts for nothing where the flights are lost."""
     records = artifacts(random_field, "corrected")
     still = replace(records["gains"], control=with_value(records["gains"].control, 0.0, LAST, 4))
     assert evaluate(random_field, gains=still)["acap_zero_lift_at_max_q"].value is True
-    lost = with_lost(records["aerocapture"], LAST, 51)
-    assert evaluate(random_field, gains=still, aerocapture=lost)["acap_zero_lift_at_max_q"].value is False
+    few = evaluate(random_field, gains=still, aerocapture=with_lost(records["aerocapture"], LAST, 51))
+    assert judge(random_field_published[(name := "acap_zero_lift_at_max_q")], few[name]).verdict == "undetermined"
 
 
 def test_lift_is_judged_in_the_interval_that_holds_the_peak(random_field):
