@@ -100,4 +100,5 @@ def semi_implicit_euler(positions):
 
         return advance
 
+    scheme.positions = positions
     return scheme

@@ -1,0 +1,183 @@
+"""What functions of a model may ask for and return, and the compiled kernel that is cached for exactly these functions."""
+
+import difflib
+import hashlib
+import inspect
+import types as python_types
+from typing import NamedTuple, get_args, get_type_hints
+
+import numpy as np
+
+_PLACE = ("half_index", "time", "cycle", "state", "found")
+_SCENE = (*_PLACE, "guided", "sensed", "command", "memory", "vehicle", "p")
+OFFERED = {
+    "rates": ("half_index", "time", "state", "found", "command", "vehicle", "noise", "p"),
+    "look_up": ("half_index", "time", "state", "air", "p"),
+    "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
+    "interrupts": ("time", "state", "memory", "vehicle", "p"),
+    "consult": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
+    "phase": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
+    "guide": (*_PLACE, "share", "sensed", "advice", "memory", "past", "vehicle", "law", "p"),
+    "ended": ("state", "vehicle", "p"),
+    "vary": ("node", "normal", "drawn", "p"),
+    "store": _SCENE,
+    "observe": _SCENE,
+    "watch": ("watched", "ending", *_SCENE),
+    "finish": ("time", "state", "found", "sensed", "command", "memory", "vehicle", "drawn", "watched", "p"),
+}
+"""Names that a function of each role may ask for; `flights` says what they are."""
+
+
+_FOREIGN = ("numpy", "numba", "llvmlite")
+
+
+class Nothing(NamedTuple):
+    """What a part of a flight holds that its model does not have."""
+
+
+# ---- functions -------------------------------------------------------------------------------------------------------
+
+
+def asked(function, role):
+    """Names of a function's arguments. Raises ValueError unless all are offered to its role."""
+    names, offered = list(inspect.signature(function).parameters), OFFERED[role]
+    for name in names:
+        if name not in offered:
+            near = difflib.get_close_matches(name, offered, 1)
+            raise ValueError(
+                f"{describe(function)} asks for {name!r}, which {role} is not offered"
+                f"{f'; did you mean {near[0]!r}?' if near else ''} It may ask for: {', '.join(offered)}"
+            )
+    return names
+
+
+def returned(function, role):
+    """Named tuples, or float or bool, that a function is annotated to return: one, or those of a tuple.
+
+    Raises ValueError without such an annotation.
+    """
+    kind = get_type_hints(function).get("return")
+    kinds = get_args(kind) or (kind,)
+    wanted = {"guide": 2, "vary": 2}.get(role, 1)
+    numbers = {"ended": 1, "vary": 1, "interrupts": 1, "phase": 1}.get(role, 0)
+    good = len(kinds) == wanted and all(hasattr(part, "_fields") for part in kinds[numbers:])
+    if not good or not all(part in (float, bool, int) for part in kinds[:numbers]):
+        example = {
+            "guide": "tuple[Command, Memory]",
+            "vary": "tuple[float, Drawn]",
+            "ended": "float (its zero is found) or bool",
+            "interrupts": "bool",
+            "phase": "int",
+        }.get(role, "a named tuple of numbers")
+        raise ValueError(f"annotate what {describe(function)} returns: {example}, where classes are NamedTuples")
+    return kinds
+
+
+def describe(function):
+    """A function's name with its file and line, for messages."""
+    code = getattr(function, "__code__", None)
+    return f"{function.__name__} ({code.co_filename}, line {code.co_firstlineno})" if code else repr(function)
+
+
+def compiled(function, role):
+    """The function, compiled, taking all that its role is offered, in that order, and handing on what it asks for."""
+    from marsedl.montecarlo.lanes import inline_njit
+
+    space = {"function": inline_njit(function)}
+    arguments = ", ".join(asked(function, role))
+    exec(f"def call({', '.join(OFFERED[role])}):\n    return function({arguments})", space)  # noqa: S102 - our names
+    return inline_njit(space["call"])
+
+
+# ---- the cached kernel -----------------------------------------------------------------------------------------------
+
+
+def digest(*roots):
+    """Digest of the code and constants that functions reach: bytecode, globals, closures, defaults, classes' fields.
+
+    Numba itself compares the file of the outermost function alone. Here an edited helper or constant in any file makes
+    another kernel; a comment does not. Of numpy and numba the names count.
+    """
+    seen, parts = {}, []
+
+    def visit(value):
+        value = getattr(value, "py_func", value)
+        if id(value) in seen:
+            return
+        seen[id(value)] = value  # kept, so that no other object gets its id
+        if (getattr(value, "__module__", None) or "").startswith(_FOREIGN):
+            parts.append(getattr(value, "__qualname__", type(value).__qualname__))
+        elif isinstance(value, python_types.FunctionType):
+            visit(value.__code__)
+            visit(value.__defaults__)
+            names = sorted({name for code in _codes(value.__code__) for name in code.co_names})
+            reach(names, value.__globals__)
+            for cell in value.__closure__ or ():
+                visit(cell.cell_contents)
+        elif isinstance(value, python_types.MethodType):
+            visit(value.__func__)
+            visit(value.__self__)
+        elif isinstance(value, python_types.CodeType):
+            parts.append(value.co_code.hex())
+            parts.append(repr(value.co_names))
+            for constant in value.co_consts:
+                visit(constant)
+        elif isinstance(value, np.ndarray):
+            parts.append(f"{value.dtype}{value.shape}{value.tobytes().hex()}")
+        elif isinstance(value, type):
+            parts.append(value.__qualname__ + repr(getattr(value, "_fields", "")))
+            visit(getattr(value, "_field_defaults", None))
+        elif isinstance(value, dict):
+            for key, member in value.items():
+                parts.append(repr(key))
+                visit(member)
+        elif isinstance(value, tuple | list | frozenset):
+            parts.append(f"{type(value).__name__} of {len(value)}")
+            for member in sorted(value, key=repr) if isinstance(value, frozenset) else value:
+                visit(member)
+        elif isinstance(value, int | float | complex | str | bytes | None | np.generic):
+            parts.append(repr(value))
+        elif hasattr(value, "__dict__"):
+            parts.append(type(value).__qualname__)
+            visit(vars(value))
+
+    def reach(names, space):
+        for name in names:
+            if name not in space:
+                continue
+            parts.append(name)
+            found = space[name]
+            if not isinstance(found, python_types.ModuleType):
+                visit(found)
+            elif not found.__name__.startswith(_FOREIGN):
+                reach(names, vars(found))
+
+    for root in roots:
+        visit(root)
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def _codes(code):
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, python_types.CodeType):
+            yield from _codes(constant)
+
+
+def named_kernel(outer, bound, key, module):
+    """Compile `outer` lazily, and cached, under a name that ends in `key`, with its global `_fly_group` bound.
+
+    Only this outermost function is cached. What is bound stands among its globals, which numba's key does not hold, so
+    the name must tell all that is compiled: see `digest`. The code says that it lies in this file, as numba drops what
+    is cached when the file of a function changes, and the digest knows better.
+    """
+    from numba import njit
+
+    from marsedl.montecarlo.lanes import LANES
+
+    name = f"fly_{key}"
+    code = outer.__code__.replace(co_name=name, co_qualname=name, co_filename=__file__, co_firstlineno=1)
+    space = {"_fly_group": bound, "np": np, "LANES": LANES, "__name__": module}
+    function = python_types.FunctionType(code, space, name)
+    function.__module__, function.__qualname__ = module, name
+    return njit(nogil=True, cache=True, error_model="numpy")(function)

@@ -1,0 +1,168 @@
+"""Numbers of one trial in the lane arrays of a group: compiled reads and writes, and parameters with their names.
+
+A lane array (numbers, LANES) holds a named tuple of numbers of every trial of a group, a row a field. The functions of
+a model take and return the tuples; what stands here moves them to and from the arrays without loops and copies, so that
+a loop over the lanes becomes vector code.
+
+Everything here rests on numba's intrinsics and on `numba.np.arrayobj`: docs/compiled_flights.md lists what is touched.
+"""
+
+from typing import get_type_hints
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.extending import intrinsic
+from numba.np import arrayobj
+
+from marsedl.montecarlo.lanes import LANES
+
+
+def _address(context, builder, array_type, array, row, lane):
+    """Address of a number of a lane array; `row` is known when it is compiled."""
+    data = arrayobj.make_array(array_type)(context, builder, array).data
+    return builder.gep(data, [builder.add(ir.Constant(lane.type, row * LANES), lane)], inbounds=True)
+
+
+def tuple_type(kind):
+    """Numba's type of a named tuple of numbers; of a class without fields the empty tuple."""
+    count = len(kind._fields)
+    return types.BaseTuple.from_types((types.float64,) * count, kind) if count else types.Tuple(())
+
+
+def getter(kind):
+    """Compiled `get(array, lane)`: a column of a lane array as the named tuple `kind`."""
+    result = tuple_type(kind)
+
+    @intrinsic
+    def get(typing_context, array, lane):
+        def generate(context, builder, signature, arguments):
+            values = [
+                builder.load(_address(context, builder, signature.args[0], arguments[0], row, arguments[1]))
+                for row in range(len(kind._fields))
+            ]
+            return context.make_tuple(builder, result, values)
+
+        return result(array, types.intp), generate
+
+    return get
+
+
+def putter(kind, function):
+    """Compiled `put(values, array, lane, chosen)`: writes what `function` returned to a column where `chosen` is true or None.
+
+    Raises numba's TypingError for values of another number than `kind` has fields.
+    """
+    count, name = len(kind._fields), function.__name__
+
+    @intrinsic
+    def put(typing_context, values, array, lane, chosen):
+        if not isinstance(values, types.BaseTuple) or len(values) != count:
+            raise TypingError(f"{name} must return the {count} numbers of {kind.__name__}, got {values}")
+
+        def generate(context, builder, signature, arguments):
+            values_type, array_type, lane_type, _ = signature.args
+            for row, member in enumerate(values_type):
+                number = context.cast(builder, builder.extract_value(arguments[0], row), member, types.float64)
+                place = _address(context, builder, array_type, arguments[1], row, arguments[2])
+                if chosen is not types.none:
+                    number = builder.select(arguments[3], number, builder.load(place))
+                builder.store(number, place)
+            return context.get_dummy_value()
+
+        return types.void(values, array, types.intp, chosen), generate
+
+    return put
+
+
+@intrinsic
+def column(typing_context, table, lane):
+    """table[:, lane] of a contiguous table (nodes, LANES), without a copy."""
+    kind = types.Array(types.float64, 1, "A")
+
+    def generate(context, builder, signature, arguments):
+        whole = arrayobj.make_array(signature.args[0])(context, builder, arguments[0])
+        part = arrayobj.make_array(kind)(context, builder)
+        word = context.get_value_type(types.intp)
+        arrayobj.populate_array(
+            part,
+            data=builder.gep(whole.data, [arguments[1]], inbounds=True),
+            shape=[cgutils.unpack_tuple(builder, whole.shape, 2)[0]],
+            strides=[ir.Constant(word, 8 * LANES)],
+            itemsize=ir.Constant(word, 8),
+            meminfo=None,
+        )
+        return part._getvalue()
+
+    return kind(table, types.intp), generate
+
+
+def _uncounted(context, builder, kind, value):
+    """The array without its counter of references: counting in every lane costs a third of a flight."""
+    array = arrayobj.make_array(kind)(context, builder, value)
+    array.meminfo, array.parent = (cgutils.get_null_value(part.type) for part in (array.meminfo, array.parent))
+    return array._getvalue()
+
+
+@intrinsic
+def borrowed(typing_context, array):
+    """The array as a view that does not own it; the caller keeps the owner."""
+
+    def generate(context, builder, signature, arguments):
+        return _uncounted(context, builder, array, arguments[0])
+
+    return array(array), generate
+
+
+# ---- parameters: named where functions see them, plain where numba caches --------------------------------------------
+
+
+def flat(value):
+    """The numbers and arrays of nested tuples, in order; numbers that are annotated as floats become floats.
+
+    Numba would pickle a class of a script by value, and never find the kernel again that it compiled for it.
+    """
+    if isinstance(value, tuple):
+        hints = get_type_hints(type(value)) if hasattr(value, "_fields") else {}
+        names = getattr(value, "_fields", range(len(value)))
+        members = [float(part) if hints.get(name) is float else part for name, part in zip(names, value, strict=True)]
+        return tuple(leaf for member in members for leaf in flat(member))
+    # A copy of what is read-only, for which the kernel would be compiled once more.
+    return (np.require(value, requirements=["C", "W"]) if isinstance(value, np.ndarray) else value,)
+
+
+def shape_of(value):
+    """The classes of nested tuples: what `dresser` needs to name the plain tuple of `flat` again."""
+    return (type(value), tuple(map(shape_of, value))) if isinstance(value, tuple) else None
+
+
+def dresser(shape):
+    """Compiled `dress(values)`: the nested named tuples of a shape, of the plain tuple of their numbers and arrays."""
+
+    def typed(shape, leaves):
+        if shape is None:
+            return next(leaves)
+        kind, members = shape
+        members = tuple([typed(member, leaves) for member in members])
+        return types.BaseTuple.from_types(members, kind if hasattr(kind, "_fields") else None)
+
+    @intrinsic
+    def dress(typing_context, values):
+        result = typed(shape, iter(values.types))
+
+        def generate(context, builder, signature, arguments):
+            leaves = iter(cgutils.unpack_tuple(builder, arguments[0], len(values.types)))
+
+            def build(kind, shape):
+                if shape is None:
+                    leaf = next(leaves)
+                    return _uncounted(context, builder, kind, leaf) if isinstance(kind, types.Array) else leaf
+                return context.make_tuple(builder, kind, [build(k, s) for k, s in zip(kind, shape[1], strict=True)])
+
+            return build(result, shape)
+
+        return result(values), generate
+
+    return dress

@@ -1,0 +1,201 @@
+"""The flight of one trial by the functions of a model as they are written: the slow, obvious form of `loop`."""
+
+import numpy as np
+
+from marsedl.montecarlo import integrators
+from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.flights.binding import OFFERED, Nothing, asked, describe
+from marsedl.montecarlo.flights.loop import END_ITERATIONS
+from marsedl.montecarlo.flights.model import NOISE_STREAM, AIR_STREAM, check_start, table_of, width_of
+from marsedl.montecarlo.outcomes import COMPLETED
+from marsedl.montecarlo.streams import normals
+
+
+def fly(
+    flight,
+    p,
+    schedule,
+    start,
+    *,
+    trial=0,
+    trials=None,
+    vehicle=(),
+    law=(),
+    memory=None,
+    seed=0,
+    first_trial=0,
+    nodes=0,
+    air=None,
+    increments=1,
+    first_increment=0,
+    streams=(NOISE_STREAM, AIR_STREAM),
+    stored=None,
+    past=0,
+):
+    """Fly one trial; arguments as of `Flight.fly_in_python`."""
+    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, trials)
+    if not first_trial <= trial:
+        raise ValueError(f"trial {trial} comes before the first one, {first_trial}")
+    own = trial - first_trial if width > 1 else 0
+    if own >= width:
+        raise ValueError(f"trial {trial} is not among the {width} from {first_trial} on")
+    parts, integrator, noise_class = flight.parts, flight.options[0], flight.options[1]
+    end_tolerance, watch_steps = flight.options[2:]
+    first_state = table_of(start, width)[:, own : own + 1]
+    check_start(first_state, parts["state"], trial)
+
+    model = _Model(flight, p, law)
+    now = model.now
+    now["state"] = parts["state"](*first_state[:, 0])
+    if hasattr(vehicle, "_fields"):
+        now["vehicle"] = type(vehicle)(*table_of(vehicle, width)[:, own])
+    now["memory"] = parts["memory"](*map(np.float64, parts["memory"]() if memory is None else memory))
+    now["command"] = parts["command"](*[np.float64(0.0)] * len(parts["command"]._fields))
+    now["past"] = np.empty(past)
+    now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
+    if "vary" in flight.classes:
+        now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
+        for node, normal in zip(reversed(range(nodes)), normals(seed, streams[1], [trial], nodes)[0], strict=True):
+            now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
+    total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
+    draws = normals(seed, streams[0], [trial], (first_increment + total * increments) * size)[0]
+    draws = draws[first_increment * size :].reshape(total, increments, size)
+
+    ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
+    watched = parts["watched"](*map(np.float64, parts["watched"]())) if "watch" in flight.classes else Nothing()
+    times = len(schedule.times)
+    history = np.full((times, len(parts["stored"]._fields) if stored is None else stored, 1), np.nan)
+    observed = np.full((times, len(parts["observed"]._fields), 1), np.nan)
+    bounds, flown, end_time, length = np.append(0, np.cumsum(schedule.steps)), 0, None, times
+    now["guided"] = np.float64(0.0)
+    while True:
+        over = end_time is not None or flown == total
+        cycle = int(np.searchsorted(bounds, flown, side="right")) - 1
+        step = schedule.step[min(cycle, len(schedule.step) - 1)]
+        substep = flown - bounds[cycle]
+        time = schedule.start[cycle] + substep * step if end_time is None else end_time
+        now |= {"time": time, "cycle": cycle, "half_index": 2 * flown, "ending": 1.0 if over else 0.0}
+        stores = flown % schedule.every == 0 and not over
+        guides = bool(flight.guides) and not over and (substep == 0 or bool(model("interrupts")))
+        if stores or guides or over or watch_steps:
+            now["found"] = model("look_up")
+            now["sensed"] = model("sense")
+        if guides:
+            now["advice"] = model("consult")
+            now["share"] = substep / schedule.steps[cycle]
+            number = int(model("phase")) if len(flight.guides) > 1 else 0
+            now["command"], now["memory"] = model("guide", function=flight.guides[number])
+            now["guided"] = np.float64(1.0)
+        if "watch" in flight.classes and (guides or (watch_steps and end_time is None)):
+            watched = model("watch", watched=watched)
+        if stores or (over and schedule.stores_end and end_time is None):
+            row = times - 1 if over else flown // schedule.every
+            history[row, :, 0] = model("store")[: history.shape[1]]
+            observed[row, :, 0] = model("observe")
+            now["guided"] = np.float64(0.0)
+        if over:
+            break
+        white = [np.float64(0.0)] * size
+        for increment in draws[flown]:
+            white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
+        now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
+        before, now["state"] = now["state"], _advanced(model, integrator, step)
+        if ends and finds_root and model("ended") <= 0.0:
+            part, now["state"] = _to_end(model, before, now["state"], step, end_tolerance)
+            end_time, length = time + part, flown // schedule.every + 1
+        elif ends and not finds_root and model("ended"):
+            end_time, length = time + step, flown // schedule.every + 1
+        flown += 1
+    return Trajectories(
+        history=history,
+        observed=observed,
+        observed_maximum=np.reshape(np.array(watched, float), (-1, 1)),
+        final_state=np.reshape(np.array(model("finish", watched=watched), float), (-1, 1)),
+        outcome=np.full(1, COMPLETED, np.int8),
+        length=np.full(1, length, np.int64),
+    )
+
+
+class _Model:
+    """Calls functions of a model with what they ask for of `now`."""
+
+    def __init__(self, flight, p, law):
+        self.functions, self.parts = flight.functions, flight.parts
+        self.now = {"p": p, "law": law, "vehicle": (), "noise": (), "found": (), "sensed": (), "advice": (), "drawn": ()}
+
+    def __call__(self, role, function=None, **changed):
+        function = function or self.functions[role]
+        if function is None:
+            return ()
+        offered = self.now | changed
+        result = function(*(offered[name] for name in asked(function, role)))
+        kind = {"rates": "state", "look_up": "found", "sense": "sensed", "consult": "advice", "store": "stored"}.get(role)
+        kind = kind or {"observe": "observed", "watch": "watched", "finish": "final"}.get(role)
+        if kind and len(result) != len(self.parts[kind]._fields):
+            wanted = self.parts[kind]
+            raise ValueError(
+                f"{describe(function)} returned {len(result)} numbers; {wanted.__name__} has {len(wanted._fields)}"
+            )
+        return result
+
+
+def _slope(model, state, time, half_index):
+    at = {"state": state, "time": time, "half_index": half_index}
+    return model("rates", **at, found=model("look_up", **at))
+
+
+def _advanced(model, integrator, step):
+    """The state after a step, in the order of sums of `integrators`."""
+    state, time, base = (model.now[name] for name in ("state", "time", "half_index"))
+    kind = type(state)
+
+    def moved(length, slope):
+        return kind(*(x + length * k for x, k in zip(state, slope, strict=True)))
+
+    first = _slope(model, state, time, base)
+    if integrator is integrators.euler_maruyama:
+        return moved(step, first)
+    if integrator is not integrators.runge_kutta_4:
+        positions = integrator.positions
+        faster = kind(*(x if row < positions else new for row, (x, new) in enumerate(zip(state, moved(step, first), strict=True))))
+        second = _slope(model, faster, time, base)
+        return kind(*(new if row < positions else x for row, (x, new) in enumerate(zip(faster, moved(step, second), strict=True))))
+    half, sixth = 0.5 * step, step / 6.0
+    second = _slope(model, moved(half, first), time + half, base + 1)
+    third = _slope(model, moved(half, second), time + half, base + 1)
+    fourth = _slope(model, moved(step, third), time + step, base + 2)
+    slopes = zip(state, first, second, third, fourth, strict=True)
+    return kind(*(x + sixth * (((a + 2.0 * b) + 2.0 * c) + d) for x, a, b, c, d in slopes))
+
+
+def _part_of_step(model, before, part):
+    """The state after a part of a Runge-Kutta step, in the order of sums of `loop`'s single lane."""
+    time, base, kind = model.now["time"], model.now["half_index"], type(before)
+    end, slope = before, (0.0,) * len(before)
+    for stage, ahead in enumerate((0.0, 0.5, 0.5, 1.0)):
+        place = kind(*(x + ahead * part * k for x, k in zip(before, slope, strict=True)))
+        slope = _slope(model, place, time + ahead * part, base + int(2.0 * ahead))
+        weight = part / 6.0 if stage in (0, 3) else part / 3.0
+        end = kind(*(x + weight * k for x, k in zip(end, slope, strict=True)))
+    return end
+
+
+def _to_end(model, before, after, step, tolerance):
+    """The part of a step after which `ended` is zero, and the state there."""
+    lower, upper, part, last_side, end = 0.0, step, step, 0, after
+    above, below = model("ended", state=before), model("ended", state=after)
+    if above <= 0.0:
+        return 0.0, _part_of_step(model, before, 0.0)
+    for _ in range(END_ITERATIONS):
+        part = (lower * below - upper * above) / (below - above)
+        end = _part_of_step(model, before, part)
+        excess = model("ended", state=end)
+        if abs(excess) <= tolerance:
+            break
+        if excess > 0.0:
+            below = 0.5 * below if last_side > 0 else below
+            lower, above, last_side = part, excess, 1
+        else:
+            above = 0.5 * above if last_side < 0 else above
+            upper, below, last_side = part, excess, -1
+    return part, end

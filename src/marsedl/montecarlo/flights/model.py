@@ -1,0 +1,288 @@
+"""A model of a flight, bound once, and the flights of it."""
+
+import hashlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.montecarlo.flights.binding import Nothing, asked, describe, digest, named_kernel, returned
+from marsedl.montecarlo.integrators import runge_kutta_4
+from marsedl.montecarlo.outcomes import COMPLETED
+
+NOISE_STREAM, AIR_STREAM = 1, 1
+
+
+class Schedule(NamedTuple):
+    """Guidance periods, each of some integration steps of equal length, and which states are stored."""
+
+    start: np.ndarray  # (periods + 1,), s, the end included
+    step: np.ndarray  # (periods,), s, of the integration
+    steps: np.ndarray  # (periods,), integration steps
+    every: int  # integration steps from one stored state to the next
+    stores_end: bool = True  # whether the last row of the history is the end of the schedule
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the stored states, s."""
+        first = np.concatenate([[0], np.cumsum(self.steps)])
+        stored = np.arange(0, first[-1], self.every)
+        period = np.searchsorted(first, stored, side="right") - 1
+        times = self.start[period] + (stored - first[period]) * self.step[period]
+        return np.append(times, self.start[-1]) if self.stores_end else times
+
+
+def periods(end_time, period, steps, *, every=None, stores_end=True, cut=True) -> Schedule:
+    """Equal guidance periods up to an end time.
+
+    Args:
+        end_time: s. period: of the guidance, s. steps: integration steps in each.
+        every: steps from one stored state to the next; by default a period's.
+        stores_end: whether the end is stored, too.
+        cut: whether the last period ends at the end time, or is as long as the others.
+
+    """
+    for name, value in (("end_time", end_time), ("period", period), ("steps", steps), ("every", every or 1)):
+        if not value > 0 or (name in ("steps", "every") and value != int(value)):
+            raise ValueError(f"{name} must be positive{', and whole' if name[0] in 'se' and name != 'end_time' else ''}, got {value}")
+    start = np.arange(int(np.ceil(end_time / period - 1e-9))) * float(period)
+    lengths = np.minimum(period, end_time - start) if cut else np.full(len(start), float(period))
+    return Schedule(
+        np.append(start, end_time), lengths / steps, np.full(len(start), int(steps)), int(every or steps), stores_end
+    )
+
+
+class Flight:
+    """The functions of a model, and the compiled flight of them; see the package for what they are asked and return."""
+
+    def __init__(
+        self,
+        rates,
+        *,
+        look_up=None,
+        sense=None,
+        consult=None,
+        phase=None,
+        guide=None,
+        interrupts=None,
+        ended=None,
+        vary=None,
+        store=None,
+        observe=None,
+        watch=None,
+        finish=None,
+        integrator=runge_kutta_4,
+        noise=Nothing,
+        end_tolerance=1e-11,
+        watch_steps=None,
+    ):
+        """Bind the functions of a model; nothing is compiled before the first flight.
+
+        Args:
+            rates, look_up, sense, consult, phase, interrupts, ended, vary, store, observe, watch, finish: functions.
+            guide: a function, or one for each phase of the guidance, whose number `phase` returns.
+            integrator: one of `integrators`.
+            noise: NamedTuple that `rates` gets as `noise`, white, one number a component.
+            end_tolerance: by which the number that `ended` returns may miss zero at the end of a flight.
+            watch_steps: whether `watch` is asked at every step and at the end; by default it is without guidance.
+
+        Raises:
+            ValueError: for a function that asks for what it is not offered, or is not annotated with what it returns.
+
+        """
+        self.guides = tuple(guide) if isinstance(guide, tuple | list) else (guide,) if guide else ()
+        self.functions = {
+            **{"rates": rates, "look_up": look_up, "sense": sense, "consult": consult, "phase": phase},
+            **{"interrupts": interrupts, "ended": ended, "vary": vary, "store": store, "observe": observe},
+            **{"watch": watch, "finish": finish},
+        }
+        kinds = {role: returned(function, role) for role, function in self.functions.items() if function}
+        guided = [returned(function, "guide") for function in self.guides]
+        for role, function in (*self.functions.items(), *(("guide", function) for function in self.guides)):
+            if function:
+                asked(function, role)
+        self.classes = {role: kind[0] for role, kind in kinds.items()}
+        state = self.classes["rates"]
+        if len(self.guides) > 1 and not phase:
+            raise ValueError("a flight with several functions guide needs phase, which returns the number of one")
+        if len({*guided}) > 1:
+            raise ValueError(f"all functions guide must return the same two classes, got {guided}")
+        if interrupts and not guide:
+            raise ValueError("interrupts is asked whether guidance is due within a period; this flight has no guide")
+        if self.classes.get("ended") is float and integrator is not runge_kutta_4:
+            raise ValueError(
+                f"{describe(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
+                f"integrator return a bool, which ends a flight at the end of a step"
+            )
+
+        def the_state(state):
+            return state
+
+        the_state.__annotations__["return"] = state
+        for role in ("store", "finish"):
+            self.functions[role] = self.functions[role] or the_state
+            self.classes.setdefault(role, state)
+        command, memory = guided[0] if guided else (Nothing, Nothing)
+        self.parts = {
+            **{"state": state, "command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing},
+            **{
+                name: self.classes.get(role, Nothing)
+                for name, role in (
+                    *(("found", "look_up"), ("sensed", "sense"), ("advice", "consult"), ("stored", "store")),
+                    *(("observed", "observe"), ("watched", "watch"), ("final", "finish")),
+                )
+            },
+        }
+        self.options = (
+            *(integrator, noise, float(end_tolerance)),
+            bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
+        )
+        self._kernels = {}
+
+    def fly(
+        self,
+        p,
+        schedule,
+        start,
+        *,
+        trials=None,
+        vehicle=(),
+        law=(),
+        memory=None,
+        seed=0,
+        first_trial=0,
+        nodes=0,
+        air=None,
+        increments=1,
+        first_increment=0,
+        streams=(NOISE_STREAM, AIR_STREAM),
+        stored=None,
+        past=0,
+    ):
+        """Fly consecutive trials, compiled, on as many threads as numba has.
+
+        Args:
+            p: parameters, a NamedTuple of numbers and arrays. law: likewise, of the guidance law.
+            schedule: `Schedule`, see `periods`.
+            start: initial state: a NamedTuple of numbers or arrays (trials,), or an array (numbers, trials).
+            trials: how many; by default as many as the arrays hold.
+            vehicle: what is dispersed of the vehicle, a NamedTuple like `start`.
+            memory: what guidance remembers at the start; by default the defaults of its class.
+            seed, first_trial: key of the random numbers, and the number of the first trial.
+            nodes: of the trials' own air, which `vary` draws. air: the air itself, (nodes, trials), in place of `vary`.
+            increments, first_increment: Brownian increments in a step, and before the first one: runs of other steps
+                follow the same path.
+            streams: of the noise and of the air.
+            stored: how many of the numbers that `store` returns are stored; by default all.
+            past: numbers that a trial's guidance may write to, `past[i]`, for what it remembers of all periods.
+
+        Returns:
+            `Trajectories`: history and observed are what `store` and `observe` returned, observed_maximum what `watch`
+            did at last, final_state what `finish` did; length is the number of stored states up to the end.
+
+        Raises:
+            ValueError: for a start that is not finite, or numbers of trials that differ.
+            TypeError: for a model that numba cannot compile, with the function's file and line.
+
+        """
+        from numba import get_num_threads
+
+        from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
+        from marsedl.montecarlo.flights.columns import flat, shape_of
+        from marsedl.montecarlo.lanes import LANES
+
+        memory = self.parts["memory"]() if memory is None else memory
+        given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
+        width = width_of(given, trials)
+        start, vehicle = (pad_to_groups(table_of(parts, width)) for parts in (start, vehicle))
+        check_start(start, self.parts["state"], first_trial)
+        air = np.empty((0, start.shape[1])) if air is None else pad_to_groups(air)
+        vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
+        kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
+        padded, times = start.shape[1], len(schedule.times)
+        size = {name: len(kind._fields) for name, kind in self.parts.items()}
+        first_watched = tuple(self.parts["watched"]()) if size["watched"] else ()
+        flown = Trajectories(
+            history=np.empty((times, size["stored"] if stored is None else stored, padded)),
+            observed=np.empty((times, size["observed"], padded)),
+            observed_maximum=np.array(np.broadcast_to(np.reshape(first_watched, (-1, 1)), (size["watched"], padded))),
+            final_state=np.empty((size["final"], padded)),
+            outcome=np.full(padded, COMPLETED, np.int8),
+            length=np.full(padded, times, np.int64),
+        )
+        pace = (np.asarray(schedule.start, float), np.asarray(schedule.step, float), np.asarray(schedule.steps, int))
+        arguments = (
+            flat(p) or (0.0,),
+            flat(law) or (0.0,),
+            (*pace, int(schedule.every), bool(schedule.stores_end)),
+            (int(seed), int(first_trial), int(increments), int(first_increment), int(streams[0]), int(streams[1])),
+            (len(air) or int(nodes), int(past)),
+        )
+        tables = (start, vehicle, tuple(map(float, memory)) or (0.0,), air)
+        results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
+        groups, threads = padded // LANES, min(get_num_threads(), padded // LANES)
+        bounds = [groups * number // threads for number in range(threads + 1)]
+
+        def fly_groups(first, last):
+            kernel(*arguments, (first, last), *tables, results)
+
+        if threads == 1:
+            fly_groups(0, groups)
+        else:
+            fly_groups(0, 0)  # compiles
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(fly_groups, bounds[:-1], bounds[1:]))
+        return flown.first(width)
+
+    def fly_in_python(self, p, schedule, start, *, trial=0, **options):
+        """Fly one trial by the functions as they are written: errors name their lines, `print` and debuggers work.
+
+        Arguments are those of `fly`, where `start`, `vehicle` and `air` may hold all trials or this one alone. Returns
+        `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
+        """
+        from marsedl.montecarlo.flights.in_python import fly
+
+        return fly(self, p, schedule, start, trial=trial, **options)
+
+    def _kernel(self, *shapes):
+        if shapes not in self._kernels:
+            from marsedl.montecarlo.flights import loop
+
+            module = self.functions["rates"].__module__
+            parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
+            bound = loop.group_flight(self, *shapes)
+            self._kernels[shapes] = named_kernel(loop.fly_groups, bound, digest(*parts), module)
+        return self._kernels[shapes]
+
+
+def width_of(given, trials):
+    """Number of trials that tables, or tuples of numbers and arrays, hold. Raises ValueError if they differ."""
+    widths = {} if trials is None else {"trials": int(trials)}
+    for name, parts in given.items():
+        names = getattr(parts, "_fields", range(len(parts)))
+        widths |= {f"{name}.{key}": np.shape(part)[0] for key, part in zip(names, parts, strict=True) if np.ndim(part)}
+    if len({*widths.values()}) > 1:
+        raise ValueError(f"arrays must hold a number for each trial, got {', '.join(f'{k}: {v}' for k, v in widths.items())}")
+    width = next(iter(widths.values()), 1)
+    if width < 1:
+        raise ValueError(f"trials must be at least 1, got {width}")
+    return width
+
+
+def table_of(parts, width):
+    """(numbers, trials) of a tuple of numbers or arrays, or of a table."""
+    table = np.empty((len(parts), width))
+    for row, part in zip(table, parts, strict=True):
+        row[:] = part
+    return table
+
+
+def check_start(start, state, first_trial):
+    """Raise ValueError for a start that has not the numbers of the state, or is not finite."""
+    if len(start) != len(state._fields):
+        raise ValueError(f"start has {len(start)} numbers; the state has {len(state._fields)}: {', '.join(state._fields)}")
+    wrong = np.argwhere(~np.isfinite(start))
+    if len(wrong):
+        row, trial = wrong[0]
+        raise ValueError(f"start.{state._fields[row]} of trial {first_trial + trial} is {start[row, trial]}, not a finite number")
