@@ -36,8 +36,8 @@ def explained(error, flight, arguments, options):
         (text for text in reasons if not text.startswith("Failed in nopython")), reasons[0] if reasons else ""
     )
     return TypeError(
-        f"numba cannot compile {file}, line {line}: {reason}. Write the model with numbers, NamedTuples, arrays and the "
-        "functions of numpy that numba knows; what a function calls must be marked by jitable"
+        f"numba cannot compile {file}, line {line}: {reason}. Write the model with numbers, NamedTuples, arrays and "
+        "the functions of numpy that numba knows; what a function calls must be marked by jitable"
     )
 
 
