@@ -256,7 +256,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
         history, observed, stored_watched, length, stored_final = results
         rows_stored = min(STORED, history.shape[1])
         drawn = lane_array(DRAWN)
-        if varies:
+        if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
         for node in range(given_air.shape[0]):
             for lane in range(LANES):
