@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from marsedl.compiling import jitable
 from marsedl.models.atmosphere import uniform_cells
@@ -538,15 +539,17 @@ DOUBLE_INTEGRATOR = Flight(
 )
 
 
-def _fields(root, seed, trials):
-    """Samples root z of the field, (nodes, trials).
+@njit(error_model="numpy", cache=True)
+def _combined(root, drawn):
+    """Root times drawn normals, (nodes, trials), summed in the order of the normals.
 
-    The sum runs in the order of the normals: matrix products of the library depend on how many trials are multiplied.
+    Matrix products of the library depend on how many trials are multiplied.
     """
-    drawn = normals(seed, FIELD_STREAM, trials, root.shape[1]).T
-    total = np.zeros((len(root), len(trials)))
-    for column, normal in zip(root.T, drawn, strict=True):
-        total += column[:, np.newaxis] * normal
+    total = np.zeros((root.shape[0], drawn.shape[1]))
+    for node in range(root.shape[0]):
+        for number in range(root.shape[1]):
+            for trial in range(drawn.shape[1]):
+                total[node, trial] += root[node, number] * drawn[number, trial]
     return total
 
 
@@ -571,12 +574,13 @@ def fly_double_integrator(
     if root.ndim != 2 or len(root) != len(field_grid):
         raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
     trials = np.arange(first_trial, first_trial + len(states))
+    fields = np.ascontiguousarray(normals(seed, FIELD_STREAM, trials, root.shape[1]).T)
     trajectories = DOUBLE_INTEGRATOR.fly(
         Force(float(field_grid[0]), 1.0 / spacing, float(mean)),
         schedule,
         Point(*states.T),
         law=law,
-        air=_fields(root, seed, trials) if varied else np.zeros((len(root), len(states))),
+        air=_combined(root, fields) if varied else np.zeros((len(root), len(states))),
         past=2 * len(law.control),
     )
     trajectories.outcome[~_finite(trajectories)] = NON_FINITE
