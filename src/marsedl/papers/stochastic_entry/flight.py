@@ -226,6 +226,7 @@ class Sensed(NamedTuple):
     crossrange: float
     downrange_angle: float
     crossrange_angle: float
+    nominal_cosine: float  # of the nominal bank profile at the velocity
 
 
 class Advice(NamedTuple):
@@ -367,15 +368,13 @@ def sense(state, found, vehicle, p) -> Sensed:
         p.planet_radius * crossrange_angle,
         downrange_angle,
         crossrange_angle,
+        ramped_bank_cosine(state.velocity, p.fast_velocity, p.slow_velocity, p.fast_cosine, p.slow_cosine),
     )
 
 
 def consult(sensed, law, p) -> Advice:
     """Nominal bank cosine, with the feedback of a law against velocity where it corrects at all (Eq. 31)."""
-    if law.kind == BY_TIME:
-        return Advice(0.0)
-    velocity = sensed.velocity
-    command = ramped_bank_cosine(velocity, p.fast_velocity, p.slow_velocity, p.fast_cosine, p.slow_cosine)
+    velocity, command = sensed.velocity, sensed.nominal_cosine
     if law.kind != BY_VELOCITY:
         return Advice(command)
     gravity = p.gravitational_parameter / (sensed.radius * sensed.radius)
@@ -391,10 +390,10 @@ def consult(sensed, law, p) -> Advice:
     return Advice(command)
 
 
-RANGE_BY_ADVICE, RANGE_BY_TIME, HEADING = range(3)  # phases: which function steers
+RANGE_BY_ADVICE, RANGE_BY_TIME, HEADING = 0.0, 1.0, 2.0  # phases: which function steers
 
 
-def phase(sensed, memory, law, p) -> int:
+def phase(sensed, memory, law, p) -> float:
     """Heading alignment from its velocity on, for ever; range control before."""
     aligning = memory.aligning > 0.0 or sensed.velocity <= p.alignment_velocity
     return HEADING if aligning else (RANGE_BY_TIME if law.kind == BY_TIME else RANGE_BY_ADVICE)
