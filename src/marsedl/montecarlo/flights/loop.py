@@ -1,4 +1,4 @@
-"""The compiled flight of a group of trials: loops over the lanes, the root of the end, noise, air and what is stored."""
+"""The compiled flight of a group of trials: loops over lanes, the root of the end, noise, air and what is stored."""
 
 import numpy as np
 from numba import njit
