@@ -167,7 +167,8 @@ class Flight:
         Args:
             p: parameters, a NamedTuple of numbers and arrays. law: likewise, of the guidance law.
             schedule: `Schedule`, see `periods`.
-            start: initial state: a NamedTuple of numbers or arrays (trials,), or an array (numbers, trials).
+            start: initial state: a NamedTuple of numbers or arrays (trials,), or an array (numbers, trials); or
+                `Trajectories`, from whose final states, finite or not, and `observed_maximum` the flight goes on.
             trials: how many; by default as many as the arrays hold.
             vehicle: what is dispersed of the vehicle, a NamedTuple like `start`.
             memory: what guidance remembers at the start; by default the defaults of its class.
@@ -195,20 +196,23 @@ class Flight:
         from marsedl.montecarlo.lanes import LANES
 
         memory = self.parts["memory"]() if memory is None else memory
+        earlier = start if isinstance(start, Trajectories) else None
+        start = earlier.final_state if earlier else start
         given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
         width = width_of(given, trials)
         start, vehicle = (pad_to_groups(table_of(parts, width)) for parts in (start, vehicle))
-        check_start(start, self.parts["state"], first_trial)
+        if not earlier:
+            check_start(start, self.parts["state"], first_trial)
         air = np.empty((0, start.shape[1])) if air is None else pad_to_groups(air)
         vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
         kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
         padded, times = start.shape[1], len(schedule.times)
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
-        first_watched = tuple(self.parts["watched"]()) if size["watched"] else ()
+        watched = earlier.observed_maximum if earlier else np.reshape(tuple(self.parts["watched"]()), (-1, 1))
         flown = Trajectories(
             history=np.empty((times, size["stored"] if stored is None else stored, padded)),
             observed=np.empty((times, size["observed"], padded)),
-            observed_maximum=np.array(np.broadcast_to(np.reshape(first_watched, (-1, 1)), (size["watched"], padded))),
+            observed_maximum=pad_to_groups(np.broadcast_to(watched, (size["watched"], width))),
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
             length=np.full(padded, times, np.int64),
