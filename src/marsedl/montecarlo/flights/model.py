@@ -171,6 +171,7 @@ class Flight:
         streams=(NOISE_STREAM, AIR_STREAM),
         stored=None,
         past=0,
+        into=None,
     ):
         """Fly consecutive trials, compiled, on as many threads as numba has.
 
@@ -189,6 +190,8 @@ class Flight:
             streams: of the noise and of the air.
             stored: how many of the numbers that `store` returns are stored; by default all.
             past: numbers that a trial's guidance may write to, `past[i]`, for what it remembers of all periods.
+            into: arrays for the history and for what is observed, (times, numbers, trials), where `trials` fill whole
+                groups, see `pad_to_groups`; by default new ones.
 
         Returns:
             `Trajectories`: history and observed are what `store` and `observe` returned, observed_maximum what `watch`
@@ -222,8 +225,10 @@ class Flight:
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
         watched = earlier.observed_maximum if earlier else np.reshape(tuple(self.parts["watched"]()), (-1, 1))
         flown = Trajectories(
-            history=np.empty((times, size["stored"] if stored is None else stored, padded)),
-            observed=np.empty((times, size["observed"], padded)),
+            history=np.empty((times, size["stored"] if stored is None else stored, padded))
+            if into is None
+            else into[0],
+            observed=np.empty((times, size["observed"], padded)) if into is None else into[1],
             observed_maximum=pad_to_groups(np.broadcast_to(watched, (size["watched"], width))),
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
@@ -277,8 +282,8 @@ class Flight:
 
             module = self.functions["rates"].__module__
             parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
-            bound = loop.group_flight(self, *shapes)
-            self._kernels[shapes] = named_kernel(loop.fly_groups, bound, digest(*parts), module)
+            key = digest(*parts)
+            self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
         return self._kernels[shapes]
 
 
