@@ -20,12 +20,20 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
         _fly_group(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
-def group_flight(model, p_shape, law_shape, vehicle_class):
+def group_flight(model, key, p_shape, law_shape, vehicle_class):
     """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters, law and vehicle being of these shapes.
 
     Loops over lanes call one function of the model each, so that they become vector code; look-ups and `consult` have
     loops of their own. Conditions of the model, such as `ends`, are constants to the compiler.
+
+    key: digest of all that is compiled. What is called carries it in its name: kernels that other processes compiled
+    and cached meet in one, where of two symbols of the same name the first serves both.
     """
+
+    def named_njit(function):
+        function.__qualname__ += f"_{key}"
+        return called_njit(function)
+
     integrator, noise_class, end_tolerance, watch_steps = model.options
     functions, classes = model.functions, model.classes
     has = {role: function is not None for role, function in functions.items()}
@@ -114,7 +122,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
 
     advance = integrator(drift)
 
-    @called_njit
+    @named_njit
     def step_lane(part, lane, before, parameters, noise, state, slope, end):
         """Fly a part of a Runge-Kutta step of a single lane, from `before` to `end`."""
         time, base, _, found, command, vehicle, air, p, _ = parameters
@@ -142,7 +150,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
             for row in range(STATES):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
 
-    @called_njit
+    @named_njit
     def to_end(lane, before, parameters, noise, state, slope, end):
         """Fly the part of a step after which `ended` is zero; returns it. `end` holds the end of the whole step before.
 
@@ -170,7 +178,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
                 upper, below, last_side = part, excess, -1
         return part
 
-    @called_njit
+    @named_njit
     def sample_air(seed, stream, first_trial, table, drawn_after, p):
         """The trials' own air, node by node from the last down, one normal a node."""
         bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
@@ -234,7 +242,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
 
     steer = steering(0)
 
-    @called_njit
+    @named_njit
     def fly_group(
         p_values,
         law_values,
