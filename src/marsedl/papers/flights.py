@@ -1,0 +1,104 @@
+"""What the Monte Carlo stages of all papers do: fly a chunk of trials, join the chunks, describe a single trial.
+
+A paper gives its `simulate_block(first, last)`, see `marsedl.montecarlo.ensembles`. Where all trials fly under each of
+several laws it gives one for each, and the fields of its artifacts lie along the laws first.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from marsedl.montecarlo import ensembles
+from marsedl.papers.density import TableExits
+from marsedl.replication.pipeline.catalogue import Flown, Trial
+from marsedl.replication.records.fields import Axis, quantities
+from marsedl.sections.air import MeanDensity
+
+
+def flown_chunk(
+    simulate_block: Callable | Sequence[Callable],
+    flown: Flown,
+    *,
+    drawn: int,
+    air: MeanDensity | None = None,
+    **options,
+) -> dict[str, object]:
+    """Fly the trials of a job. Returns the fields of an `ensembles.Chunk`, without infinities.
+
+    drawn: first trials that keep their histories. air: where the density may come from a table; flights that leave it
+    are counted, and said. options: further ones of `ensembles.run_blocks`.
+    """
+    several = not callable(simulate_block)
+    numbers = first, last = flown.trials - 1, flown.trials
+    options |= {"block_size": flown.block_size, "kept": flown.trials if flown.alone else min(drawn, flown.trials)}
+    if not flown.alone:
+        numbers = first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    exits = air and TableExits(air)
+    reduced = [
+        ensembles.run_blocks(exits.watching(block) if exits else block, *numbers, **options)
+        for block in (simulate_block if several else [simulate_block])
+    ]
+    if exits:
+        exits.say(f"flights {first:,} to {last - 1:,}" + ", under all laws" * several)
+    return fields_of(reduced if several else reduced[0])
+
+
+def joined(chunks: Sequence) -> dict[str, object]:
+    """Join a case's chunks in the order of their trials. Returns the fields of an `ensembles.Ensemble`."""
+    kind = ensembles.StreamedChunk if hasattr(chunks[0], "block_runs") else ensembles.Chunk
+    if not np.ndim(chunks[0].first_trial):
+        return fields_of(_merged(chunks, kind, lambda value: value))
+    laws = range(len(chunks[0].first_trial))
+    return fields_of([_merged(chunks, kind, lambda value, law=law: value[law]) for law in laws])
+
+
+def _merged(chunks, kind, part):
+    names = [field.name for field in fields(kind)]
+    return ensembles.merge([kind(**{name: part(getattr(chunk, name)) for name in names}) for chunk in chunks])
+
+
+def fields_of(reduced) -> dict[str, object]:
+    """Return the fields of a reduction without infinities; of a list of them, one for each law, stacked."""
+    if isinstance(reduced, list):
+        parts = [fields_of(part) for part in reduced]
+        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+    return {field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
+
+
+def described(
+    chunk, trial: Trial, outcomes: Mapping[int, str], *, laws: Sequence[str] = (), names: Sequence[str] = (), further=()
+) -> str:
+    """Describe a trial that was flown again: how it ended, its state at both ends, its largest observed values.
+
+    chunk: that trial alone. outcomes: words for the codes. laws: their names, if the trial flew under several. names:
+    of the final state's components where its axis has none. further: lines for each law. With a stored ensemble the
+    last line says whether the final state is the same to the last bit.
+    """
+    state, final, observed = (
+        quantities(type(chunk))[name].dims[-1] for name in ("kept_history", "final_state", "observed_maximum")
+    )
+    lines = []
+    for number, law in enumerate(laws or [f"of {trial.case}"]):
+        at = (number,) if laws else ()
+        end = chunk.final_state[(*at, 0)]
+        start = dict(zip(_components(state), chunk.kept_history[(*at, 0, 0)], strict=False))
+        lines.append(f"trial {trial.number}{',' * bool(laws)} {law}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
+        for name, value in zip(_components(final) or names, end, strict=True):
+            lines.append(
+                f"  {name:28}" + (f"{start[name]:18.9f} -> " if name in start else " " * 22) + f"{value:18.9f}"
+            )
+        for name, value in zip(_components(observed), chunk.observed_maximum[(*at, 0)], strict=False):
+            lines.append(f"  {f'largest {name}':50}{value:18.9f}")
+        lines += further[number] if further else ()
+        if trial.stored is not None:
+            same = np.array_equal(end, trial.stored.final_state[(*at, trial.number)], equal_nan=True)
+            verdict = "the same to the last bit as in" if same else "DIFFERS from"
+            lines.append(f"  {verdict} the stored ensemble")
+    return "\n".join(lines)
+
+
+def _components(axis: str | Axis) -> list[str]:
+    """Names and units of an axis in words; none of a dimension without them."""
+    units = axis.units.items() if isinstance(axis, Axis) else ()
+    return [f"{axis.label(name)} ({unit})" if unit != "1" else axis.label(name) for name, unit in units]
