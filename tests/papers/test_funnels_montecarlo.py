@@ -222,7 +222,7 @@ def test_a_trial_flown_alone_is_that_of_the_ensemble(inputs_and_records, case, n
     ensemble = ensemble_of(inputs_and_records, case)
     report = replayed(inputs_and_records, case, number, ensemble)
     assert report.startswith(f"trial {number} of {case}: flown to the end") and "the same to the last bit" in report
-    assert f"{ensemble.final_state[number, 0]:18.9f}" in report
+    assert f"{ensemble.final_state[number, 0]:18.12g}" in report
     other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
     assert "DIFFERS" in replayed(inputs_and_records, case, number, other)
     assert "bit" not in replayed(inputs_and_records, case, number)

@@ -146,7 +146,7 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     inputs, needed = entry.stage_inputs("corrected", "montecarlo"), entry.needed("montecarlo", "corrected")
     report = inputs.replay(montecarlo, **needed, trial=Trial(case, number, ensemble))
     assert f"trial {number} of {case}: completed" in report and "the same to the last bit" in report
-    assert re.search(rf"reversals +{ensemble.final_state[number, records.REVERSALS]:.9f}\n", report)
+    assert re.search(rf"reversals +{ensemble.final_state[number, records.REVERSALS]:g}\n", report)
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
     assert "DIFFERS" in inputs.replay(montecarlo, **needed, trial=Trial(case, number, other))
 

@@ -13,7 +13,8 @@ from typing import dataclass_transform
 
 import numpy as np
 
-from marsedl.replication.records.fields import Axis, Quantity, quantity, record
+from marsedl.replication.errors import ArtifactError, nearest
+from marsedl.replication.records.fields import Axis, Quantity, quantities, quantity, record
 
 Along = Axis | tuple[str, str]  # an axis, or the name and unit of a dimension whose extent is not fixed
 
@@ -94,15 +95,15 @@ def along(
 
     state, observed: of the histories. final: of the final state, the state unless given. counted: of what the histogram
     counts, the observed unless given. time, bins, edges: dimensions. per: what all fields lie along first, such as the
-    laws that are flown. meanings: of inherited fields, in the paper's words.
+    laws that are flown. meanings: of inherited fields, in the paper's words. Raises ArtifactError for a meaning of a
+    field that neither a chunk nor an ensemble has.
     """
+    known = quantities(Chunk) | quantities(Ensemble)
+    if unknown := next((name for name in meanings if name not in known), None):
+        raise ArtifactError(f"flights have no field {unknown!r} to give a meaning: {nearest(unknown, known)}")
     axes = {"state": state, "observed": observed, "final": final or state, "counted": counted or observed}
-    dims = {
-        "time": time,
-        "bins": bins,
-        "edges": edges,
-        **{n: a[0] if isinstance(a, tuple) else a for n, a in axes.items()},
-    }
+    dims = {name: axis[0] if isinstance(axis, tuple) else axis for name, axis in axes.items()}
+    dims |= {"time": time, "bins": bins, "edges": edges}
     units = {name: axis[1] if isinstance(axis, tuple) else axis.unit for name, axis in axes.items()}
 
     def declared(name: str, of: Quantity) -> Quantity:

@@ -4,64 +4,52 @@ A paper gives its `simulate_block(first, last)`, see `marsedl.montecarlo.ensembl
 several laws it gives one for each, and the fields of its artifacts lie along the laws first.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
-from marsedl.papers.density import TableExits
 from marsedl.replication.pipeline.catalogue import Flown, Trial
 from marsedl.replication.records.fields import Axis, quantities
-from marsedl.sections.air import MeanDensity
 
 
-def flown_chunk(
-    simulate_block: Callable | Sequence[Callable],
-    flown: Flown,
-    *,
-    drawn: int,
-    air: MeanDensity | None = None,
-    **options,
-) -> dict[str, object]:
+def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **options) -> dict[str, object]:
     """Fly the trials of a job. Returns the fields of an `ensembles.Chunk`, without infinities.
 
-    drawn: first trials that keep their histories. air: where the density may come from a table; flights that leave it
-    are counted, and said. options: further ones of `ensembles.run_blocks`.
+    simulate_block: the paper's, or one for each law. drawn: first trials that keep their histories. exits: the
+    `TableExits` of an air whose density may come from a table, which then says how many flights leave it. options:
+    further ones of `ensembles.run_blocks`.
     """
-    several = not callable(simulate_block)
-    numbers = first, last = flown.trials - 1, flown.trials
+    simulators = [simulate_block] if callable(simulate_block) else simulate_block
+    first, last = flown.trials - 1, flown.trials
     options |= {"block_size": flown.block_size, "kept": flown.trials if flown.alone else min(drawn, flown.trials)}
     if not flown.alone:
-        numbers = first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
-    exits = air and TableExits(air)
-    reduced = [
-        ensembles.run_blocks(exits.watching(block) if exits else block, *numbers, **options)
-        for block in (simulate_block if several else [simulate_block])
-    ]
+        first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    watched = [exits.watching(simulate) for simulate in simulators] if exits else simulators
+    reduced = [ensembles.run_blocks(simulate, first, last, **options) for simulate in watched]
     if exits:
-        exits.say(f"flights {first:,} to {last - 1:,}" + ", under all laws" * several)
-    return fields_of(reduced if several else reduced[0])
+        exits.say(f"flights {first:,} to {last - 1:,}" + ("" if callable(simulate_block) else ", under all laws"))
+    return _fields(reduced[0] if callable(simulate_block) else reduced)
 
 
 def joined(chunks: Sequence) -> dict[str, object]:
     """Join a case's chunks in the order of their trials. Returns the fields of an `ensembles.Ensemble`."""
     kind = ensembles.StreamedChunk if hasattr(chunks[0], "block_runs") else ensembles.Chunk
-    if not np.ndim(chunks[0].first_trial):
-        return fields_of(_merged(chunks, kind, lambda value: value))
-    laws = range(len(chunks[0].first_trial))
-    return fields_of([_merged(chunks, kind, lambda value, law=law: value[law]) for law in laws])
-
-
-def _merged(chunks, kind, part):
     names = [field.name for field in fields(kind)]
-    return ensembles.merge([kind(**{name: part(getattr(chunk, name)) for name in names}) for chunk in chunks])
+
+    def merged(law):
+        return ensembles.merge([kind(**{name: getattr(chunk, name)[law] for name in names}) for chunk in chunks])
+
+    if np.ndim(chunks[0].first_trial):
+        return _fields([merged(law) for law in range(len(chunks[0].first_trial))])
+    return _fields(ensembles.merge([kind(**{name: getattr(chunk, name) for name in names}) for chunk in chunks]))
 
 
-def fields_of(reduced) -> dict[str, object]:
-    """Return the fields of a reduction without infinities; of a list of them, one for each law, stacked."""
+def _fields(reduced):
+    """The fields of a reduction without infinities; of a list of them, one for each law, stacked."""
     if isinstance(reduced, list):
-        parts = [fields_of(part) for part in reduced]
+        parts = [_fields(part) for part in reduced]
         return {name: np.array([part[name] for part in parts]) for name in parts[0]}
     return {field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
 
@@ -72,8 +60,8 @@ def described(
     """Describe a trial that was flown again: how it ended, its state at both ends, its largest observed values.
 
     chunk: that trial alone. outcomes: words for the codes. laws: their names, if the trial flew under several. names:
-    of the final state's components where its axis has none. further: lines for each law. With a stored ensemble the
-    last line says whether the final state is the same to the last bit.
+    of the final state's components where its axis has none. further: names and values for each law. With a stored
+    ensemble the last line says whether the final state is the same to the last bit.
     """
     state, final, observed = (
         quantities(type(chunk))[name].dims[-1] for name in ("kept_history", "final_state", "observed_maximum")
@@ -86,11 +74,12 @@ def described(
         lines.append(f"trial {trial.number}{',' * bool(laws)} {law}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
         for name, value in zip(_components(final) or names, end, strict=True):
             lines.append(
-                f"  {name:28}" + (f"{start[name]:18.9f} -> " if name in start else " " * 22) + f"{value:18.9f}"
+                f"  {name:36}" + (f"{start[name]:18.12g} -> " if name in start else " " * 22) + f"{value:18.12g}"
             )
         for name, value in zip(_components(observed), chunk.observed_maximum[(*at, 0)], strict=False):
-            lines.append(f"  {f'largest {name}':50}{value:18.9f}")
-        lines += further[number] if further else ()
+            lines.append(f"  {f'largest {name}':58}{value:18.12g}")
+        rows = further[number] if further else {}
+        lines += [f"  {name:58}{value:18.12g}" for name, value in rows.items()]
         if trial.stored is not None:
             same = np.array_equal(end, trial.stored.final_state[(*at, trial.number)], equal_nan=True)
             verdict = "the same to the last bit as in" if same else "DIFFERS from"
