@@ -23,8 +23,6 @@ from marsedl.papers.powered_descent.records import (
     FlightEnsemble,
     Gains,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -73,17 +71,10 @@ def simulate(
         block_size=flown.block_size,
         histogram_edges=thrust_edges[np.newaxis],
         kept=min(ensemble.drawn_trials, flown.trials),
-        trials=flown.trials,
-        centre=np.append(gains.mean[-1], _mass_without_feedback(vehicle, gains)),
     )
-    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
-    return kind(**{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)})
-
-
-def _mass_without_feedback(vehicle: Vehicle, gains: Gains) -> float:
-    """Final mass under the mean control alone, kg; trials end within a few kilograms of it."""
-    thrust = np.linalg.norm(gains.feedforward, axis=1)
-    return vehicle.wet_mass - segments.mass_flow(vehicle) * np.trapezoid(thrust, gains.time)
+    return FlightChunk(
+        **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
+    )
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
@@ -121,15 +112,14 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str)
 @stage()
 def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    large = isinstance(chunks[0], StreamedFlightChunk)
-    kind = ensembles.StreamedChunk if large else ensembles.Chunk
-    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
+    names = [field.name for field in fields(ensembles.Chunk)]
+    merged = ensembles.merge([ensembles.Chunk(**{n: getattr(chunk, n) for n in names}) for chunk in chunks])
     outputs = [
         np.linspace(0.0, duration, flight.step_count(duration, np.inf, simulation.output_interval)[0] + 1)
         for duration in mission.segment_durations
     ]
     time, segment = segments.joined_time(outputs)
-    return (StreamedFlightEnsemble if large else FlightEnsemble)(
+    return FlightEnsemble(
         time=time, segment=segment, **{field.name: getattr(merged, field.name) for field in fields(merged)}
     )
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from marsedl.papers import streamed
 from marsedl.replication.records.fields import Axis, quantity, record
 
 MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
@@ -213,13 +212,3 @@ class FlightEnsemble(Flights):
     mean: np.ndarray = quantity(STATE.unit, ("time", STATE), "mean state", allow_nan=True)
     covariance: np.ndarray = quantity("SI", ("time", STATE, STATE), "sample covariance", allow_nan=True)
     observed_mean: np.ndarray = quantity(OBSERVED.unit, ("time", OBSERVED), "mean thrust and depth", allow_nan=True)
-
-
-@record
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@record
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""

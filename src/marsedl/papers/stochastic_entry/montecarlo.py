@@ -20,8 +20,6 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -75,14 +73,10 @@ def simulate(
         block_size=flown.block_size,
         histogram_edges=np.array([edges, edges]),
         kept=min(simulation.drawn_trials, flown.trials),
-        trials=flown.trials,
-        # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
-        centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
     exits.say(f"flights {first:,} to {last - 1:,}")
     end = end_of(mission, nominal, flown.case)
-    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
-    return kind(
+    return FlightChunk(
         time=flight.outputs(end.time, guidance.guidance_period, end.trigger),
         nominal_final=nominal_final(nominal),
         **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)},
@@ -127,10 +121,9 @@ def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
 @stage()
 def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    large = isinstance(chunks[0], StreamedFlightChunk)
-    kind = ensembles.StreamedChunk if large else ensembles.Chunk
-    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
-    return (StreamedFlightEnsemble if large else FlightEnsemble)(
+    names = [field.name for field in fields(ensembles.Chunk)]
+    merged = ensembles.merge([ensembles.Chunk(**{n: getattr(chunk, n) for n in names}) for chunk in chunks])
+    return FlightEnsemble(
         time=chunks[0].time,
         nominal_final=chunks[0].nominal_final,
         **{field.name: getattr(merged, field.name) for field in fields(merged)},
