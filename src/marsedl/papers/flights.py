@@ -35,15 +35,18 @@ def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **optio
 
 def joined(chunks: Sequence) -> dict[str, object]:
     """Join a case's chunks in the order of their trials. Returns the fields of an `ensembles.Ensemble`."""
-    kind = ensembles.StreamedChunk if hasattr(chunks[0], "block_runs") else ensembles.Chunk
-    names = [field.name for field in fields(kind)]
+    names = [field.name for field in fields(ensembles.Chunk)]
 
     def merged(law):
-        return ensembles.merge([kind(**{name: getattr(chunk, name)[law] for name in names}) for chunk in chunks])
+        return ensembles.merge(
+            [ensembles.Chunk(**{name: getattr(chunk, name)[law] for name in names}) for chunk in chunks]
+        )
 
     if np.ndim(chunks[0].first_trial):
         return _fields([merged(law) for law in range(len(chunks[0].first_trial))])
-    return _fields(ensembles.merge([kind(**{name: getattr(chunk, name) for name in names}) for chunk in chunks]))
+    return _fields(
+        ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
+    )
 
 
 def _fields(reduced):

@@ -22,8 +22,6 @@ from marsedl.papers.powered_descent.records import (
     FlightEnsemble,
     Gains,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -69,16 +67,8 @@ def simulate(
         flown,
         drawn=ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
-        trials=None if flown.alone else flown.trials,
-        centre=np.append(gains.mean[-1], _mass_without_feedback(vehicle, gains)),
     )
-    return (StreamedFlightChunk if "block_runs" in reduced else FlightChunk)(**reduced)
-
-
-def _mass_without_feedback(vehicle: Vehicle, gains: Gains) -> float:
-    """Final mass under the mean control alone, kg; trials end within a few kilograms of it."""
-    thrust = np.linalg.norm(gains.feedforward, axis=1)
-    return vehicle.wet_mass - segments.mass_flow(vehicle) * np.trapezoid(thrust, gains.time)
+    return FlightChunk(**reduced)
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
@@ -122,8 +112,7 @@ def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) 
         for duration in mission.segment_durations
     ]
     time, segment = segments.joined_time(outputs)
-    kind = StreamedFlightEnsemble if "final_mean" in merged else FlightEnsemble
-    return kind(time=time, segment=segment, **merged)
+    return FlightEnsemble(time=time, segment=segment, **merged)
 
 
 def replay(chunk: FlightChunk, *, trial: Trial) -> str:

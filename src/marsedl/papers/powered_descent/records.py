@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from marsedl.papers import streamed
 from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
@@ -193,13 +192,3 @@ class FlightEnsemble(Ensemble):
         "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
     )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
-
-
-@record
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@record
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""

@@ -17,8 +17,6 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -69,14 +67,10 @@ def simulate(
         drawn=simulation.drawn_trials,
         exits=TableExits(air),
         histogram_edges=np.array([edges, edges]),
-        trials=None if flown.alone else flown.trials,
-        # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
-        centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
     end = end_of(mission, nominal, flown.case)
     time = flight.outputs(end.time, guidance.guidance_period, end.trigger)
-    kind = StreamedFlightChunk if "block_runs" in reduced else FlightChunk
-    return kind(time=time, nominal_final=nominal_final(nominal), **reduced)
+    return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 
 def block_simulator(
@@ -118,8 +112,7 @@ def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
 def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
     merged = joined(chunks)
-    kind = StreamedFlightEnsemble if "final_mean" in merged else FlightEnsemble
-    return kind(time=chunks[0].time, nominal_final=chunks[0].nominal_final, **merged)
+    return FlightEnsemble(time=chunks[0].time, nominal_final=chunks[0].nominal_final, **merged)
 
 
 def nominal_final(nominal):

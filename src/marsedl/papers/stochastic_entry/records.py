@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from marsedl.papers import streamed
 from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
@@ -234,24 +233,11 @@ class FlightEnsemble(Timed, Ensemble):
     """All trials of one Monte Carlo case."""
 
 
-@record
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@record
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
-
-
 def by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity):
     """The four Monte Carlo ensembles by the name of their case, in the order of `CASES`."""
     return dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
 
 
 def errors(ensemble, trials=None):
-    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5).
-
-    Of a streamed ensemble they are those of its first trials.
-    """
+    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5)."""
     return ensemble.final_state[:trials, :5] - ensemble.nominal_final[:5]
