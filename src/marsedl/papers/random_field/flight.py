@@ -8,16 +8,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from marsedl.compiling import jitable
 from marsedl.models.atmosphere import uniform_cells
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
+from marsedl.montecarlo.lanes import LANES, lane_array
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
-from marsedl.montecarlo.streams import normals
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
@@ -493,8 +495,10 @@ class LargestControl(NamedTuple):
 @jitable
 def _slope(air, node):
     """Slope per cell at a node of the field, by finite differences."""
-    before, after = max(node - 1, 0), min(node + 1, air.shape[0] - 1)
-    return (air[after] - air[before]) / (after - before)
+    last = air.shape[0] - 1
+    if 0 < node < last:
+        return 0.5 * (air[node + 1] - air[node - 1])
+    return air[1] - air[0] if node == 0 else air[last] - air[last - 1]
 
 
 def field_at(state, air, p) -> Field:
@@ -538,16 +542,27 @@ DOUBLE_INTEGRATOR = Flight(
 )
 
 
-def _fields(root, seed, trials):
-    """Samples root z of the field, (nodes, trials).
+@njit(error_model="numpy", cache=True)
+def _sample_fields(root, seed, first_trial, fields):
+    """Samples root z of the field for whole groups of trials, into fields, (nodes, trials).
 
     The sum runs in the order of the normals: matrix products of the library depend on how many trials are multiplied.
     """
-    drawn = normals(seed, FIELD_STREAM, trials, root.shape[1]).T
-    total = np.zeros((len(root), len(trials)))
-    for column, normal in zip(root.T, drawn, strict=True):
-        total += column[:, np.newaxis] * normal
-    return total
+    nodes, count = root.shape
+    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+    drawn, total = lane_array(-(-count // NORMALS_PER_BLOCK) * NORMALS_PER_BLOCK), lane_array(1)
+    for first in range(0, fields.shape[1], LANES):
+        for number in range(0, count, NORMALS_PER_BLOCK):
+            block = drawn[number : number + NORMALS_PER_BLOCK]
+            fill_normals(seed, FIELD_STREAM, first_trial + first, number // NORMALS_PER_BLOCK, bits, block)
+        for node in range(nodes):
+            for lane in range(LANES):
+                total[0, lane] = 0.0
+            for number in range(count):
+                for lane in range(LANES):
+                    total[0, lane] += root[node, number] * drawn[number, lane]
+            for lane in range(LANES):
+                fields[node, first + lane] = total[0, lane]
 
 
 def fly_double_integrator(
@@ -570,14 +585,17 @@ def fly_double_integrator(
     root = np.array(field_root, dtype=float, order="C")
     if root.ndim != 2 or len(root) != len(field_grid):
         raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
-    trials = np.arange(first_trial, first_trial + len(states))
+    start = pad_to_groups(states.T)
+    fields = np.zeros((len(root), start.shape[1]))
+    if varied:
+        _sample_fields(root, seed, first_trial, fields)
     trajectories = DOUBLE_INTEGRATOR.fly(
         Force(float(field_grid[0]), 1.0 / spacing, float(mean)),
         schedule,
-        Point(*states.T),
+        Point(*start),
         law=law,
-        air=_fields(root, seed, trials) if varied else np.zeros((len(root), len(states))),
+        air=fields,
         past=2 * len(law.control),
-    )
+    ).first(len(states))
     trajectories.outcome[~_finite(trajectories)] = NON_FINITE
     return trajectories
