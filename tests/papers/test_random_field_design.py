@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, linearization, montecarlo, nominal
+from marsedl.papers.random_field import components, environment, flight, linearization, montecarlo, nominal
 from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.double_integrator import kernel, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
@@ -243,8 +243,8 @@ def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(ran
     records = random_field.nominal(), random_field.gains()
     simulate = weak.call(montecarlo.block_simulator, *records, number=0)
     histories = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
-    deviations = (histories[:, [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
-    deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
+    motion = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]
+    deviations = histories[:, motion].transpose(2, 0, 1) - (model.state - [RADIUS, 0.0, 0.0])
     disturbance = deviations[:, 1:] - np.einsum("kij,tkj->tki", model.transition, deviations[:, :-1])
     sampled = np.cov((disturbance / amplitude / UNITS).reshape(trials, -1).T)
     expected = stacked(model.disturbance_covariance)

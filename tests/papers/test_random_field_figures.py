@@ -11,7 +11,7 @@ from matplotlib.colors import same_color
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
-from marsedl.papers.random_field import environment, figures, flight
+from marsedl.papers.random_field import components, environment, figures
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, VARIANTS, Convergence
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION

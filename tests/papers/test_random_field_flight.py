@@ -198,7 +198,7 @@ def assert_as_the_oracle(trajectories, oracle, every):
     np.testing.assert_allclose(trajectories.final_state[: components.FLOORED], history[-1, :3], rtol=1e-8, atol=1e-8)
     np.testing.assert_array_equal(trajectories.final_state[components.FLOORED], oracle.floored)
     np.testing.assert_array_equal(trajectories.observed[:, 0], trajectories.history[:, components.BANK_COSINE])
-    np.testing.assert_array_equal(trajectories.observed[:, flight.BANK_MAGNITUDE], np.abs(trajectories.observed[:, 0]))
+    np.testing.assert_array_equal(trajectories.observed[:, 1], np.abs(trajectories.observed[:, 0]))
     control = np.array(oracle.control)
     for maximum, expected in zip(trajectories.observed_maximum, (control, np.abs(control)), strict=True):
         np.testing.assert_allclose(maximum, expected.max(axis=0), rtol=1e-8, atol=1e-8)
@@ -308,7 +308,7 @@ def test_commands_are_flown_within_their_limits(air, law, factor):
         np.testing.assert_array_equal(alone.history[:, :-1, 0], together.history[:, :-1, trial])
         np.testing.assert_array_equal(alone.final_state[:, 0], together.final_state[:, trial])
     if factor > 1.0:
-        assert together.observed_maximum[flight.BANK_MAGNITUDE].min() > 1e10
+        assert together.observed_maximum[1].min() > 1e10
 
 
 def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
@@ -334,20 +334,27 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
     np.testing.assert_array_equal(few.length, (at[:, np.newaxis] < mixed.length).sum(axis=0))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, law, bad):
+def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, law):
     states = np.tile(ENTRY, (70, 1))
     healthy = fly(air, law, initial=states)
-    for component in range(3):
-        spoiled = states.copy()
-        spoiled[[3, 66], component] = bad
-        trajectories = fly(air, law, initial=spoiled)
-        unspoiled = np.delete(np.arange(70), [3, 66])
-        assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
-        for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(
-                getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
-            )
+    states[[3, 66], components.VELOCITY] = 1e300  # its square is infinite
+    trajectories, unspoiled = fly(air, law, initial=states), np.delete(np.arange(70), [3, 66])
+    assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
+    for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
+        np.testing.assert_array_equal(
+            getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
+        )
+
+
+@pytest.mark.parametrize("strength", [0.0, 1.0, 1e17])
+@pytest.mark.parametrize("start", [ENTRY, STEEP])
+def test_compiled_flights_are_those_of_the_functions_as_written(air, law, start, strength, monkeypatch):
+    """Bit for bit, without feedback, within and beyond the limits of the bank cosine, and to the ground."""
+    law, options = law._replace(gain=strength * law.gain), {"time_step": 1.0, "every": 5, "first_trial": 77}
+    compiled = fly(air, law, 1, start, **options)
+    monkeypatch.setattr(flight.AEROCAPTURE, "fly", partial(flight.AEROCAPTURE.fly_in_python, trial=77))
+    assert_identical(fly(air, law, 1, start, **options), compiled)
+    assert compiled.outcome == (CRASHED if start is STEEP else COMPLETED)
 
 
 def test_what_does_not_fit_is_refused(air, law):
@@ -355,6 +362,8 @@ def test_what_does_not_fit_is_refused(air, law):
         fly(air, law, 1, time_step=0.7)
     with pytest.raises(ValueError, match="of 15 nodes must have shapes"):
         fly(air, law._replace(gain=law.gain[:, :-1]), 1)
+    with pytest.raises(ValueError, match=r"start\.velocity of trial 1 is nan"):
+        fly(air, law, initial=np.array([ENTRY, [ENTRY[0], np.nan, ENTRY[2]]]))
     with pytest.raises(ValueError, match="altitude must be a uniform ascending grid"):
         fly(air._replace(altitude=air.altitude**2), law, 1)
 
@@ -447,6 +456,12 @@ def test_points_are_of_fourth_order_in_the_step():
     for coarse, fine in pairwise(error):
         np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.2)
     assert np.abs(trajectories.history[:, components.POSITION]).max() < 4.0
+
+
+def test_compiled_points_are_those_of_the_functions_as_written(root, point_law, monkeypatch):
+    compiled = fly_point(point_law, root, initial_points(1), mean=1e-3)
+    monkeypatch.setattr(flight.DOUBLE_INTEGRATOR, "fly", flight.DOUBLE_INTEGRATOR.fly_in_python)
+    assert_identical(fly_point(point_law, root, initial_points(1), mean=1e-3), compiled)
 
 
 @pytest.mark.parametrize("first", [63])

@@ -12,7 +12,7 @@ import pytest
 from marsedl.models import orbits
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED
 from marsedl.montecarlo.statistics import percentile
-from marsedl.papers.random_field import flight, montecarlo
+from marsedl.papers.random_field import components, montecarlo
 from marsedl.papers.random_field.flight_statistics import (
     delta_v_percentile,
     lost,

@@ -391,8 +391,8 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     final state is the first three of these and the number of steps at whose start the density was at its floor.
     Outcomes: CRASHED below the ground, where a trial ends and after which nothing is stored (NaN); NON_FINITE.
 
-    Raises ValueError for shapes that do not fit, grids that are not uniform, an interval that is no whole number of
-    steps, or `every` that does not divide it.
+    Raises ValueError for shapes that do not fit, states that are not finite, grids that are not uniform, an interval
+    that is no whole number of steps, or `every` that does not divide it.
     """
     schedule = _schedule(law, every, time_step)
     law, states = _checked_law(law, 3), _checked_states(initial_states, 3)
@@ -492,20 +492,16 @@ class LargestControl(NamedTuple):
     control: float = -np.inf
 
 
-@jitable
-def _slope(air, node):
-    """Slope per cell at a node of the field, by finite differences."""
-    last = air.shape[0] - 1
-    if 0 < node < last:
-        return 0.5 * (air[node + 1] - air[node - 1])
-    return air[1] - air[0] if node == 0 else air[last] - air[last - 1]
-
-
 def field_at(state, air, p) -> Field:
     """The field by cubic Hermite polynomials with finite-difference slopes, held constant beyond its grid."""
+    last = air.shape[0] - 1
     node, fraction = _node((state.position - p.bottom) * p.nodes_per_unit, air.shape[0])
-    value, following = air[node] + p.mean, air[node + 1] + p.mean
-    rise, first, second = following - value, _slope(air, node), _slope(air, node + 1)
+    value, following = air[node], air[node + 1]
+    # Slopes per cell, one-sided at both ends of the grid.
+    first = (following - air[max(node - 1, 0)]) * (0.5 if node > 0 else 1.0)
+    second = (air[min(node + 2, last)] - value) * (0.5 if node + 1 < last else 1.0)
+    value, following = value + p.mean, following + p.mean
+    rise = following - value
     curved = 3.0 * rise - 2.0 * first - second + fraction * (first + second - 2.0 * rise)
     return Field(value + fraction * (first + fraction * curved))
 
