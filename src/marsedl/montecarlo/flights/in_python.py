@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import Nothing, asked, describe
+from marsedl.montecarlo.flights.binding import asked, describe
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
 from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
