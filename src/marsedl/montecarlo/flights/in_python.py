@@ -58,6 +58,7 @@ def fly(
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
+    if "vary" in flight.classes and air is None:
         for node, normal in zip(reversed(range(nodes)), normals(seed, streams[1], [trial], nodes)[0], strict=True):
             now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)

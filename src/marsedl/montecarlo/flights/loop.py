@@ -1,11 +1,10 @@
 """The compiled flight of a group of trials: loops over lanes, the root of the end, noise, air and what is stored."""
 
 import numpy as np
-from numba import njit
 
 from marsedl.montecarlo.flights.binding import compiled
 from marsedl.montecarlo.flights.columns import borrowed, column, dresser, getter, putter
-from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 END_ITERATIONS = 60  # more than the few that a smooth flight needs
@@ -33,7 +32,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
 
     def named_njit(function):
         function.__qualname__ += f"_{key}"
-        return njit(error_model="numpy")(function)
+        return called_njit(function)
 
     integrator, noise_class, end_tolerance, watch_steps = model.options
     functions, classes = model.functions, model.classes
@@ -45,7 +44,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
     steers, phases = len(guides) > 0, len(guides)
     finds_root = ends and classes["ended"] is float
 
-    @inline_njit
+    @inline_called_njit
     def absent(*unused):
         return ()
 
@@ -95,13 +94,13 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
     )
     dress_p, dress_law = dresser(p_shape), dresser(law_shape)
 
-    @inline_njit
+    @inline_called_njit
     def look_up_all(half_index, time, state, found, air, p):
         if looks_up:
             for lane in range(LANES):
                 put_found(look_up(half_index, time, get_state(state, lane), column(air, lane), p), found, lane, None)
 
-    @inline_njit
+    @inline_called_njit
     def drift(half_index, state, noise, parameters, out):
         time, base, step, found, command, vehicle, air, p, known = parameters
         now = time + 0.5 * step * (half_index - base)
@@ -207,7 +206,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
             return absent
         guide, later = guides[number], steering(number + 1)
 
-        @inline_njit
+        @inline_called_njit
         def steer(place, share, state, found, sensed, advice, memory, vehicle, past, chosen, in_phase, command, law, p):
             half_index, time, cycle = place
             needed = 0
@@ -264,7 +263,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         history, observed, stored_watched, length, stored_final = results
         rows_stored = min(STORED, history.shape[1])
         drawn = lane_array(DRAWN)
-        if varies:
+        if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
         for node in range(given_air.shape[0]):
             for lane in range(LANES):
