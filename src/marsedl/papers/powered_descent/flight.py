@@ -197,18 +197,18 @@ def largest(watched, state, command) -> Observed:
     return Observed(np.maximum(watched.thrust, now.thrust), np.maximum(watched.depth, now.depth))
 
 
-def _flights(scheme):
-    """The flights with a continuous and with a held command; a flight is compiled when it is first flown."""
-    options = {"guide": command, "observe": observe, "watch": largest, "watch_steps": True, "noise": Thrust}
-    return tuple(Flight(rates_of, integrator=scheme, **options) for rates_of in (rates, held_rates))
+def _flight(rates, scheme):
+    return Flight(
+        rates, integrator=scheme, noise=Thrust, guide=command, observe=observe, watch=largest, watch_steps=True
+    )
 
 
-FLIGHTS = {
-    "rk4": _flights(runge_kutta_4),
-    "euler_maruyama": _flights(euler_maruyama),
-    "semi_implicit_euler": _flights(semi_implicit_euler(2)),
-}
-INTEGRATORS = tuple(FLIGHTS)
+_SCHEMES = {"rk4": runge_kutta_4, "euler_maruyama": euler_maruyama, "semi_implicit_euler": semi_implicit_euler(2)}
+INTEGRATORS = tuple(_SCHEMES)
+# Flights are compiled when they are first flown. Euler-Maruyama asks for rates at starts of steps alone, where the
+# thrust is that which a step holds.
+HELD = {name: _flight(held_rates, scheme) for name, scheme in _SCHEMES.items()}
+CONTINUOUS = {**HELD, **{name: _flight(rates, _SCHEMES[name]) for name in ("rk4", "semi_implicit_euler")}}
 
 
 def periods(control, steps_per_output):
@@ -243,7 +243,8 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         if output and widening != 1.0:
             state = flown.final_state
             state[:4] = control.mean[0, :, np.newaxis] * (1 - np.sqrt(widening)) + np.sqrt(widening) * state[:4]
-        flown = FLIGHTS[integrator][control.steps_per_command > 0].fly(
+        flights = HELD if control.steps_per_command else CONTINUOUS
+        flown = flights[integrator].fly(
             Parameters(control, plant),
             periods(control, every),
             flown,
