@@ -182,6 +182,27 @@ def test_flights_with_the_prior_mass_have_the_moments_of_the_linear_design(pipel
     assert wishart_deviance(np.cov(final_states, rowvar=False), 20_000, target).p_value < 1e-3
 
 
+@pytest.mark.parametrize("hold", [0, 3])
+@pytest.mark.parametrize("prior", [False, True])
+@pytest.mark.parametrize("integrator", flight.INTEGRATORS)
+def test_compiled_flights_have_the_bits_of_the_functions_as_they_are_written(integrator, prior, hold):
+    steps, trials, first = 10, 70, 5
+    tables = normals(1, 0, np.arange(2 * steps + 1), 14)
+    gain, mean, thrust = tables[:, :8].reshape(-1, 2, 4), tables[:, 8:12], 1e4 + 1e3 * tables[:, 12:]
+    mass = np.linspace(1500.0, 1400.0, 2 * steps + 1) if prior else flight.OWN_MASS
+    control = flight.Schedule(0.1, steps, 500.0 * gain, 30.0 * mean, thrust, mass, hold)
+    p = flight.Parameters(control, flight.Plant(GRAVITY, MASS_FLOW, NOISE_DENSITY))
+    states = np.array([[250.0], [500.0], [50.0], [-20.0], [WET_MASS]]) + normals(2, 0, np.arange(5), trials)
+    model = (flight.HELD if hold else flight.CONTINUOUS)[integrator]
+    flown = (p, flight.periods(control, 2), states)
+    compiled = model.fly(*flown, seed=3, first_trial=first, increments=2)
+    for trial in (first, first + trials - 1):
+        alone = model.fly_in_python(*flown, seed=3, first_trial=first, increments=2, trial=trial)
+        for name in ("history", "observed", "observed_maximum", "final_state"):
+            own = getattr(compiled, name)[..., trial - first]
+            assert own.tobytes() == getattr(alone, name)[..., 0].tobytes(), name
+
+
 # --- without noise ----------------------------------------------------------------------------------------------------
 
 

@@ -266,13 +266,14 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 stored_row = history.shape[0] - 1 if over else flown // every
                 store(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, stored)
                 observe(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, seen)
-                # Row by row: what is written to many rows at once waits for memory.
+                # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
+                # negative makes scattered stores.
                 for row in range(rows_stored):
                     for lane in range(LANES):
-                        history[stored_row, row, first + lane] = stored[row, lane]
+                        history[stored_row, row, np.uint64(first) + np.uint64(lane)] = stored[row, lane]
                 for row in range(OBSERVED):
                     for lane in range(LANES):
-                        observed[stored_row, row, first + lane] = seen[row, lane]
+                        observed[stored_row, row, np.uint64(first) + np.uint64(lane)] = seen[row, lane]
                 for lane in range(LANES):
                     guided[0, lane] = 0.0
             if over:
