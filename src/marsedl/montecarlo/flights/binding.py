@@ -14,7 +14,7 @@ OFFERED = {
     "rates": ("half_index", "time", "state", "found", "command", "vehicle", "noise", "p"),
     "look_up": ("half_index", "time", "state", "air", "p"),
     "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
-    "interrupts": ("time", "state", "memory", "vehicle", "p"),
+    "interrupts": ("time", "state", "memory", "vehicle", "law", "p"),
     "consult": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
     "phase": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
     "guide": (*_PLACE, "share", "sensed", "advice", "memory", "past", "vehicle", "law", "p"),

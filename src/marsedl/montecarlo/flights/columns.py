@@ -7,6 +7,7 @@ a loop over the lanes becomes vector code.
 Everything here rests on numba's intrinsics and on `numba.np.arrayobj`: docs/compiled_flights.md lists what is touched.
 """
 
+from functools import cache
 from typing import get_type_hints
 
 import numpy as np
@@ -119,15 +120,20 @@ def borrowed(typing_context, array):
 # ---- parameters: named where functions see them, plain where numba caches --------------------------------------------
 
 
+@cache
+def _floats(kind):
+    hints = get_type_hints(kind)
+    return tuple(hints.get(name) is float for name in kind._fields)
+
+
 def flat(value):
     """The numbers and arrays of nested tuples, in order; numbers that are annotated as floats become floats.
 
     Numba would pickle a class of a script by value, and never find the kernel again that it compiled for it.
     """
     if isinstance(value, tuple):
-        hints = get_type_hints(type(value)) if hasattr(value, "_fields") else {}
-        names = getattr(value, "_fields", range(len(value)))
-        members = [float(part) if hints.get(name) is float else part for name, part in zip(names, value, strict=True)]
+        floats = _floats(type(value)) if hasattr(value, "_fields") else (False,) * len(value)
+        members = [float(part) if is_float else part for part, is_float in zip(value, floats, strict=True)]
         return tuple(leaf for member in members for leaf in flat(member))
     # A copy of what is read-only, for which the kernel would be compiled once more.
     return (np.require(value, requirements=["C", "W"]) if isinstance(value, np.ndarray) else value,)

@@ -121,7 +121,16 @@ class _Model:
 
     def __init__(self, flight, p, law):
         self.functions, self.parts = flight.functions, flight.parts
-        self.now = {"p": p, "law": law, "vehicle": (), "noise": (), "found": (), "sensed": (), "advice": (), "drawn": ()}
+        self.now = {
+            "p": p,
+            "law": law,
+            "vehicle": (),
+            "noise": (),
+            "found": (),
+            "sensed": (),
+            "advice": (),
+            "drawn": (),
+        }
 
     def __call__(self, role, function=None, **changed):
         function = function or self.functions[role]
@@ -129,7 +138,9 @@ class _Model:
             return ()
         offered = self.now | changed
         result = function(*(offered[name] for name in asked(function, role)))
-        kind = {"rates": "state", "look_up": "found", "sense": "sensed", "consult": "advice", "store": "stored"}.get(role)
+        kind = {"rates": "state", "look_up": "found", "sense": "sensed", "consult": "advice", "store": "stored"}.get(
+            role
+        )
         kind = kind or {"observe": "observed", "watch": "watched", "finish": "final"}.get(role)
         if kind and len(result) != len(self.parts[kind]._fields):
             wanted = self.parts[kind]
@@ -157,9 +168,16 @@ def _advanced(model, integrator, step):
         return moved(step, first)
     if integrator is not integrators.runge_kutta_4:
         positions = integrator.positions
-        faster = kind(*(x if row < positions else new for row, (x, new) in enumerate(zip(state, moved(step, first), strict=True))))
+        faster = kind(
+            *(x if row < positions else new for row, (x, new) in enumerate(zip(state, moved(step, first), strict=True)))
+        )
         second = _slope(model, faster, time, base)
-        return kind(*(new if row < positions else x for row, (x, new) in enumerate(zip(faster, moved(step, second), strict=True))))
+        return kind(
+            *(
+                new if row < positions else x
+                for row, (x, new) in enumerate(zip(faster, moved(step, second), strict=True))
+            )
+        )
     half, sixth = 0.5 * step, step / 6.0
     second = _slope(model, moved(half, first), time + half, base + 1)
     third = _slope(model, moved(half, second), time + half, base + 1)

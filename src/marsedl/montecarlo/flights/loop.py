@@ -49,7 +49,18 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
         )
     )
     kinds = {**model.parts, "vehicle": vehicle_class, "noise": noise_class}
-    get_state, get_found, get_sensed, get_advice, get_command, get_memory, get_vehicle, get_noise, get_drawn, get_watched = (
+    (
+        get_state,
+        get_found,
+        get_sensed,
+        get_advice,
+        get_command,
+        get_memory,
+        get_vehicle,
+        get_noise,
+        get_drawn,
+        get_watched,
+    ) = (
         getter(kinds[name])
         for name in (
             *("state", "found", "sensed", "advice", "command", "memory"),
@@ -226,7 +237,18 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
 
     @njit(error_model="numpy")
     def fly_group(
-        p_values, law_values, pace, draws, first, start, vehicles, memory_at_start, given_air, results, table, past_table
+        p_values,
+        law_values,
+        pace,
+        draws,
+        first,
+        start,
+        vehicles,
+        memory_at_start,
+        given_air,
+        results,
+        table,
+        past_table,
     ):
         p, law, air, past = dress_p(p_values), dress_law(law_values), borrowed(table), borrowed(past_table)
         cycle_start, cycle_step, cycle_steps, every, stores_end = pace
@@ -242,7 +264,12 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
         work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
         found, sensed, advice = lane_array(FOUND), lane_array(SENSED), lane_array(ADVICE)
-        command, memory, vehicle, noise = lane_array(COMMANDS), lane_array(MEMORY), lane_array(VEHICLE), lane_array(NOISES)
+        command, memory, vehicle, noise = (
+            lane_array(COMMANDS),
+            lane_array(MEMORY),
+            lane_array(VEHICLE),
+            lane_array(NOISES),
+        )
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         end_time, excess, known = lane_array(1), lane_array(1), np.zeros(1, np.bool_)
@@ -279,7 +306,14 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
                         chosen[0, lane] = flying[0, lane]
                 elif interrupted_by:
                     for lane in range(LANES):
-                        now = interrupts(time, get_state(state, lane), get_memory(memory, lane), get_vehicle(vehicle, lane), p)
+                        now = interrupts(
+                            time,
+                            get_state(state, lane),
+                            get_memory(memory, lane),
+                            get_vehicle(vehicle, lane),
+                            law,
+                            p,
+                        )
                         chosen[0, lane] = flying[0, lane] if now else 0.0
                         steered += chosen[0, lane] > 0.0
             if stores or steered > 0 or over or watch_steps:

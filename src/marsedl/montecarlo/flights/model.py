@@ -45,7 +45,9 @@ def periods(end_time, period, steps, *, every=None, stores_end=True, cut=True) -
     """
     for name, value in (("end_time", end_time), ("period", period), ("steps", steps), ("every", every or 1)):
         if not value > 0 or (name in ("steps", "every") and value != int(value)):
-            raise ValueError(f"{name} must be positive{', and whole' if name[0] in 'se' and name != 'end_time' else ''}, got {value}")
+            raise ValueError(
+                f"{name} must be positive{', and whole' if name[0] in 'se' and name != 'end_time' else ''}, got {value}"
+            )
     start = np.arange(int(np.ceil(end_time / period - 1e-9))) * float(period)
     lengths = np.minimum(period, end_time - start) if cut else np.full(len(start), float(period))
     return Schedule(
@@ -263,7 +265,9 @@ def width_of(given, trials):
         names = getattr(parts, "_fields", range(len(parts)))
         widths |= {f"{name}.{key}": np.shape(part)[0] for key, part in zip(names, parts, strict=True) if np.ndim(part)}
     if len({*widths.values()}) > 1:
-        raise ValueError(f"arrays must hold a number for each trial, got {', '.join(f'{k}: {v}' for k, v in widths.items())}")
+        raise ValueError(
+            f"arrays must hold a number for each trial, got {', '.join(f'{k}: {v}' for k, v in widths.items())}"
+        )
     width = next(iter(widths.values()), 1)
     if width < 1:
         raise ValueError(f"trials must be at least 1, got {width}")
@@ -281,8 +285,12 @@ def table_of(parts, width):
 def check_start(start, state, first_trial):
     """Raise ValueError for a start that has not the numbers of the state, or is not finite."""
     if len(start) != len(state._fields):
-        raise ValueError(f"start has {len(start)} numbers; the state has {len(state._fields)}: {', '.join(state._fields)}")
+        raise ValueError(
+            f"start has {len(start)} numbers; the state has {len(state._fields)}: {', '.join(state._fields)}"
+        )
     wrong = np.argwhere(~np.isfinite(start))
     if len(wrong):
         row, trial = wrong[0]
-        raise ValueError(f"start.{state._fields[row]} of trial {first_trial + trial} is {start[row, trial]}, not a finite number")
+        raise ValueError(
+            f"start.{state._fields[row]} of trial {first_trial + trial} is {start[row, trial]}, not a finite number"
+        )
