@@ -44,17 +44,11 @@ class Campaign:
         start, vehicle = model.declared_start(self.start), model.declared_vehicle()
         nominal = dict(zip(start.names, start.means, strict=True))
         law = laws.bind(self.law, model.flight)
-        trigger, value, end = laws.trigger_of(self.trigger, model.flight, model.units(start.names))
-        if value:
-            word, name = trigger
-            if nominal[name] <= value[0] if word == "Below" else nominal[name] >= value[0]:
-                raise ValueError(
-                    f"trigger {self.trigger.quantity} {word.lower()} {self.trigger.value:g} is met at the start, where "
-                    f"{name} is {nominal[name]:g}"
-                )
+        trigger, end, called = laws.trigger_of(self.trigger, model.flight, nominal, model.units(start.names))
+        laws.try_once(law, model.flight, nominal)
         p = model.complete(model.p, nominal) if model.complete else model.p
-        if value:
-            p = laws.extended(type(p))(*p, *value)
+        if end:
+            p = laws.extended(type(p))(*p, end)
         for name in ("end_time", "period"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} is {getattr(self, name)!r} s; it must be positive")
@@ -62,7 +56,7 @@ class Campaign:
             raise ValueError(
                 f"substeps is {self.substeps!r}; give the integration steps in a guidance period, at least 1"
             )
-        return Ready(self, model, start, vehicle, law, trigger, end, p)
+        return Ready(self, model, start, vehicle, law, trigger, called, p)
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ class Flights:
                     raise ValueError(f"level {level:g} is no percentage between 0 and 100")
                 share = level / 100.0
                 lower, upper = order_interval(samples, share, confidence)
-                needed = int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-9))
+                needed = int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-6))
                 few = f"{samples.size:,} flights; an interval takes {needed:,}" if samples.size < needed else ""
                 value = np.quantile(samples, share) if samples.size else np.nan
                 note = "; ".join(filter(None, (few, left_out)))

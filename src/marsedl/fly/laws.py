@@ -84,6 +84,10 @@ class GainTable:
         return {command: [q for q in told if f"{command}_per_{q}" in self.columns] for command in commands}
 
 
+class LawError(ValueError):
+    """A law that does not return what it should."""
+
+
 class Bound(NamedTuple):
     """A law ready for a flight: its functions (compiled form, and as it is written), and its parameters."""
 
@@ -154,6 +158,31 @@ def bind(law, flight) -> Bound:
     return Bound(("simple", function, tuple(asked)), parameters)
 
 
+def try_once(law, flight, nominal):
+    """Ask a law once, at the nominal start, so that a wrong one is told before anything is compiled.
+
+    What it is told beside the start is one here, so other errors that depend on numbers are left to the flight. Raises
+    LawError for a wrong result, AttributeError for what is not told.
+    """
+    if law.kind[0] not in ("simple", "guide"):
+        return
+    function, told = law.kind[1], told_by(flight)
+    kinds = (_command_of(flight),) if law.kind[0] == "simple" else get_args(get_type_hints(function)["return"])
+    sensed = told(*(nominal.get(name, 1.0) for name in told._fields))
+    offered = sensed._asdict() if law.kind[0] == "simple" else {}
+    offered |= {"time": 0.0, "sensed": sensed, "law": law.parameters}
+    if law.kind[0] == "guide":
+        offered |= {"memory": kinds[1]()} if len(kinds[1]._field_defaults) == len(kinds[1]._fields) else {}
+    asked = inspect.signature(function).parameters
+    if all(name in offered for name in asked):
+        try:
+            _checked(function, kinds)(*(offered[name] for name in asked))
+        except LawError:
+            raise
+        except (ArithmeticError, TypeError, ValueError):
+            pass
+
+
 def told_by(flight):
     """NamedTuple of what laws are told: what `sense` returns, else the state."""
     return flight.parts["sensed"] if "sense" in flight.classes else flight.parts["state"]
@@ -183,28 +212,45 @@ def _made(text, returns, **names):
     return function
 
 
-def trigger_of(trigger, flight, units):
-    """Function `ended` of a trigger, the value by which p is extended, and what an end is called.
+class End(NamedTuple):
+    """Where a trigger ends a flight: the sum of weights x state falls to a value. Data, so that kernels serve all."""
 
-    Raises ValueError for a quantity that is not of the state.
+    weights: tuple[float, ...]
+    value: float
+
+
+def trigger_of(trigger, flight, nominal, units):
+    """Function `ended` of a trigger ("falls" for one that is data), its `End` or None, and what an end is called.
+
+    Args:
+        trigger: None, a function, `Below` or `Above`. flight: `Flight`. nominal: start by name. units: of the state.
+
+    Raises:
+        ValueError: for a quantity that is not of the state, or is beyond the trigger at the start.
     """
     if trigger is None or callable(trigger):
         if trigger is not None and "ended" in flight.classes:
             raise ValueError("the model ends its flights itself: leave trigger out, or bind the flight without `ended`")
         named = trigger or flight.functions["ended"]
-        return trigger, (), f"ended: {named.__name__}" if named else "completed"
+        return trigger, None, f"ended: {named.__name__}" if named else "completed"
     if not isinstance(trigger, Below | Above):
         raise ValueError(f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function")
     name, factor = resolve(trigger.quantity, units, "trigger")
-    word = type(trigger).__name__
-    return (word, name), (factor * float(trigger.value),), f"ended: {trigger.quantity} {word.lower()} {trigger.value:g}"
+    text, sign = (
+        f"{trigger.quantity} {type(trigger).__name__.lower()} {trigger.value:g}",
+        isinstance(trigger, Below) * 2 - 1,
+    )
+    end = End(tuple(float(sign) if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
+    if sign * nominal[name] <= end.value:
+        raise ValueError(f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
+    return "falls", end, f"ended: {text}"
 
 
 @lru_cache(64)
 def extended(kind):
-    """A NamedTuple class with the fields of another one, and the value of a trigger."""
-    made = namedtuple(kind.__name__, (*getattr(kind, "_fields", ()), "end_value"))
-    made.__annotations__ = {**getattr(kind, "__annotations__", {}), "end_value": float}
+    """A NamedTuple class with the fields of another one, and the `End` of a trigger."""
+    made = namedtuple(kind.__name__, (*getattr(kind, "_fields", ()), "end"))
+    made.__annotations__ = getattr(kind, "__annotations__", {})
     return made
 
 
@@ -213,7 +259,7 @@ def completed(flight, law, trigger, compiles):
     """The flight with its law and trigger; every step may be stored, and the end is told by name.
 
     Args:
-        flight: `Flight`. law: `Bound.kind`. trigger: function, (class, quantity) or None.
+        flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
         compiles: whether the flight is to be compiled, or to fly in Python, where laws are checked.
     """
     from marsedl.montecarlo.flights import Flight, Nothing
@@ -270,7 +316,9 @@ def completed(flight, law, trigger, compiles):
     if not compiles and kind == "guide":
         guide = _checked(guide, get_args(get_type_hints(guide)["return"]))
     if trigger is not None:
-        parts["ended"] = trigger if callable(trigger) else _ended(*trigger)
+        terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
+        text = f"def made_ended(state, p):\n    return {' + '.join(terms)} - p.end.value"
+        parts["ended"] = trigger if callable(trigger) else _made(text, float)
     commands = (
         get_args(get_type_hints(guide).get("return"))[0]._fields if guide and not isinstance(guide, tuple) else ()
     )
@@ -284,11 +332,6 @@ def completed(flight, law, trigger, compiles):
         fields = {**dict.fromkeys(told._fields, "sensed"), **dict.fromkeys(watched, "watched")}
         parts["finish"] = _gathered("finish", fields, "time")
     return Flight(**parts, guide=guide)
-
-
-def _ended(word, name):
-    difference = f"state.{name} - p.end_value" if word == "Below" else f"p.end_value - state.{name}"
-    return _made(f"def made_ended(state, p):\n    return {difference}", float)
 
 
 def _gathered(role, fields, *first):
@@ -313,7 +356,7 @@ def _checked(function, kinds):
             or not all(isinstance(number, int | float | np.number) for part in parts for number in part)
         ):
             wanted = ", ".join(kinds[0]._fields) if alone else " and ".join(kind.__name__ for kind in kinds)
-            raise ValueError(f"{_where(function)} returned {result!r}; it must return {wanted}")
+            raise LawError(f"{_where(function)} returned {result!r}; it must return {wanted}")
         return result
 
     return checked
