@@ -1,4 +1,4 @@
-"""What functions of a model may ask for and return, and the compiled kernel that is cached for exactly these functions."""
+"""What functions of a model may ask for and return, and the kernel that is cached for exactly these functions."""
 
 import difflib
 import hashlib
@@ -85,7 +85,7 @@ def compiled(function, role):
 
     space = {"function": inline_njit(function)}
     arguments = ", ".join(asked(function, role))
-    exec(f"def call({', '.join(OFFERED[role])}):\n    return function({arguments})", space)  # noqa: S102 - our names
+    exec(f"def call({', '.join(OFFERED[role])}):\n    return function({arguments})", space)
     return inline_njit(space["call"])
 
 

@@ -52,7 +52,7 @@ def getter(kind):
 
 
 def putter(kind, function):
-    """Compiled `put(values, array, lane, chosen)`: writes what `function` returned to a column where `chosen` is true or None.
+    """Compiled `put(values, array, lane, chosen)`: writes what `function` returned where `chosen` is true or None.
 
     Raises numba's TypingError for values of another number than `kind` has fields.
     """
@@ -64,7 +64,7 @@ def putter(kind, function):
             raise TypingError(f"{name} must return the {count} numbers of {kind.__name__}, got {values}")
 
         def generate(context, builder, signature, arguments):
-            values_type, array_type, lane_type, _ = signature.args
+            values_type, array_type = signature.args[:2]
             for row, member in enumerate(values_type):
                 number = context.cast(builder, builder.extract_value(arguments[0], row), member, types.float64)
                 place = _address(context, builder, array_type, arguments[1], row, arguments[2])

@@ -4,9 +4,9 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import OFFERED, Nothing, asked, describe
+from marsedl.montecarlo.flights.binding import Nothing, asked, describe
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
-from marsedl.montecarlo.flights.model import NOISE_STREAM, AIR_STREAM, check_start, table_of, width_of
+from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
 
@@ -116,6 +116,19 @@ def fly(
     )
 
 
+_RETURNED = {
+    "rates": ("state",),
+    "look_up": ("found",),
+    "sense": ("sensed",),
+    "consult": ("advice",),
+    "guide": ("command", "memory"),
+    "store": ("stored",),
+    "observe": ("observed",),
+    "watch": ("watched",),
+    "finish": ("final",),
+}
+
+
 class _Model:
     """Calls functions of a model with what they ask for of `now`."""
 
@@ -138,15 +151,13 @@ class _Model:
             return ()
         offered = self.now | changed
         result = function(*(offered[name] for name in asked(function, role)))
-        kind = {"rates": "state", "look_up": "found", "sense": "sensed", "consult": "advice", "store": "stored"}.get(
-            role
-        )
-        kind = kind or {"observe": "observed", "watch": "watched", "finish": "final"}.get(role)
-        if kind and len(result) != len(self.parts[kind]._fields):
+        for kind, values in zip(_RETURNED.get(role, ()), result if role == "guide" else (result,), strict=False):
             wanted = self.parts[kind]
-            raise ValueError(
-                f"{describe(function)} returned {len(result)} numbers; {wanted.__name__} has {len(wanted._fields)}"
-            )
+            if len(values) != len(wanted._fields):
+                raise ValueError(
+                    f"{describe(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
+                    f"{len(wanted._fields)}"
+                )
         return result
 
 

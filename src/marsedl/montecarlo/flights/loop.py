@@ -1,4 +1,4 @@
-"""The compiled flight of a group of trials: loops over the lanes, the root of the end, noise, air and what is stored."""
+"""The compiled flight of a group of trials: loops over lanes, the root of the end, noise, air and what is stored."""
 
 import numpy as np
 from numba import njit
@@ -288,7 +288,8 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
                 command[row, lane] = 0.0
             flying[0, lane], guided[0, lane], end_time[0, lane], in_phase[0, lane] = 1.0, 0.0, 0.0, 0.0
 
-        cycle, substep, flown, remaining = 0, 0, 0, LANES
+        # Not literals: what is called with them would be compiled for the literal, and once more for any integer.
+        cycle, substep, flown, remaining = np.int64(0), np.int64(0), np.int64(0), np.int64(LANES)
         while True:
             over = remaining == 0 or cycle == len(cycle_step)
             step = cycle_step[min(cycle, len(cycle_step) - 1)]

@@ -1,8 +1,6 @@
 """A model of a flight, bound once, and the flights of it."""
 
-import hashlib
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -95,9 +93,18 @@ class Flight:
         """
         self.guides = tuple(guide) if isinstance(guide, tuple | list) else (guide,) if guide else ()
         self.functions = {
-            **{"rates": rates, "look_up": look_up, "sense": sense, "consult": consult, "phase": phase},
-            **{"interrupts": interrupts, "ended": ended, "vary": vary, "store": store, "observe": observe},
-            **{"watch": watch, "finish": finish},
+            "rates": rates,
+            "look_up": look_up,
+            "sense": sense,
+            "consult": consult,
+            "phase": phase,
+            "interrupts": interrupts,
+            "ended": ended,
+            "vary": vary,
+            "store": store,
+            "observe": observe,
+            "watch": watch,
+            "finish": finish,
         }
         kinds = {role: returned(function, role) for role, function in self.functions.items() if function}
         guided = [returned(function, "guide") for function in self.guides]
@@ -127,7 +134,10 @@ class Flight:
             self.classes.setdefault(role, state)
         command, memory = guided[0] if guided else (Nothing, Nothing)
         self.parts = {
-            **{"state": state, "command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing},
+            "state": state,
+            "command": command,
+            "memory": memory,
+            "drawn": kinds["vary"][1] if vary else Nothing,
             **{
                 name: self.classes.get(role, Nothing)
                 for name, role in (
@@ -194,6 +204,8 @@ class Flight:
         from marsedl.montecarlo.flights.columns import flat, shape_of
         from marsedl.montecarlo.lanes import LANES
 
+        options = {"vehicle": vehicle, "law": law, "memory": memory, "nodes": nodes, "air": air, "past": past}
+        options |= {"trials": trials, "first_trial": first_trial, "seed": seed, "stored": stored}
         memory = self.parts["memory"]() if memory is None else memory
         given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
         width = width_of(given, trials)
@@ -229,10 +241,18 @@ class Flight:
         def fly_groups(first, last):
             kernel(*arguments, (first, last), *tables, results)
 
+        if not kernel.signatures:
+            from marsedl.montecarlo.flights import diagnosis
+
+            try:
+                fly_groups(0, 0)  # compiles, or loads
+            except diagnosis.COMPILER_ERRORS as error:
+                raise diagnosis.explained(error, self, (p, schedule, given["start"]), options) from None
+            if kernel.stats.cache_misses:
+                diagnosis.warn_of_scalar_loops(self, p, law, vehicle_class)
         if threads == 1:
             fly_groups(0, groups)
         else:
-            fly_groups(0, 0)  # compiles
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(fly_groups, bounds[:-1], bounds[1:]))
         return flown.first(width)
