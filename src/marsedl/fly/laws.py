@@ -36,7 +36,8 @@ class GainTable:
 
         $\text{bank} = \text{bank}(V) + \text{bank\_per\_range}(V) \, (\text{range now} - \text{range}(V))$
 
-    All are in SI units, linear between rows and constant beyond them.
+    All are in SI units, linear between rows and constant beyond them. Columns `bank_cosine` and `bank_cosine_per_range`
+    give the cosine instead, cut to -1 and 1.
 
     Args:
         source: path of a CSV file, or a mapping from names to columns (a data frame is one).
@@ -66,22 +67,22 @@ class GainTable:
         self.name, self.against, self.nodes = name, against, columns.pop(against)[order]
         self.columns = {column: values[order] for column, values in columns.items()}
 
-    def terms(self, told, commands):
-        """Quantities fed back to each command. Raises ValueError for columns that fit neither."""
+    def commanded(self, told, commands):
+        """Columns that hold the commands, or their cosines. Raises ValueError for columns that fit neither."""
         if self.against != "time" and self.against not in told:
-            raise ValueError(
-                f"{self.name}: the law is not told {self.against!r}; {nearest(self.against, ('time', *told))}"
-            )
-        gains = {f"{command}_per_{quantity}": (command, quantity) for command in commands for quantity in told}
+            raise ValueError(f"{self.name}: the law is not told {self.against!r}; {nearest(self.against, told)}")
+        cosines = [name for name in commands if f"{name}_cosine" in self.columns]
+        columns = [f"{name}_cosine" if name in cosines else name for name in commands]
+        gains = {f"{column}_per_{quantity}": quantity for column in columns for quantity in told}
         for column in self.columns:
-            if column not in gains and column not in told and column not in commands:
+            if column not in (*columns, *told, *gains):
                 raise ValueError(
-                    f"{self.name}: column {column!r} is unknown; {nearest(column, (*commands, *told, *gains))}"
+                    f"{self.name}: column {column!r} is unknown; {nearest(column, (*columns, *told, *gains))}"
                 )
-        needed = [*commands, *(quantity for gain, (_, quantity) in gains.items() if gain in self.columns)]
+        needed = [*columns, *(quantity for gain, quantity in gains.items() if gain in self.columns)]
         if missing := [column for column in needed if column not in self.columns]:
             raise ValueError(f"{self.name}: column {missing[0]!r} is missing, a command or the reference of a gain")
-        return {command: [q for q in told if f"{command}_per_{q}" in self.columns] for command in commands}
+        return tuple(columns)
 
 
 class LawError(ValueError):
@@ -125,9 +126,9 @@ def bind(law, flight) -> Bound:
     if law is None:
         law = (0.0,) * len(command._fields)
     if isinstance(law, GainTable):
-        law.terms(told._fields, command._fields)
+        commanded = law.commanded(told._fields, command._fields)
         values = np.array([law.columns[column] for column in law.columns])
-        return Bound(("table", law.against, tuple(law.columns)), Gains(law.nodes, values))
+        return Bound(("table", law.against, tuple(law.columns), commanded), Gains(law.nodes, values))
     if isinstance(law, int | float | tuple) and not isinstance(law, bool):
         numbers = law if isinstance(law, tuple) else (law,)
         if len(numbers) != len(command._fields) or not all(np.isfinite(number) for number in numbers):
@@ -262,6 +263,7 @@ def completed(flight, law, trigger, compiles):
         flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
         compiles: whether the flight is to be compiled, or to fly in Python, where laws are checked.
     """
+    from marsedl.montecarlo.elementary import arc_cosine
     from marsedl.montecarlo.flights import Flight, Nothing
     from marsedl.montecarlo.lanes import inline_njit
 
@@ -279,7 +281,7 @@ def completed(flight, law, trigger, compiles):
         values = ", ".join(f"law.{name}" for name in command._fields)
         guide = _made(f"def made_guide(law):\n    return Command({values}), ()", returns, Command=command)
     elif kind == "table":
-        against, columns = details
+        against, columns, commanded = details
         advice = namedtuple("Advice", columns)
         rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
         parts["consult"] = _made(
@@ -294,17 +296,14 @@ def completed(flight, law, trigger, compiles):
             np=np,
             Advice=advice,
         )
-        terms = [
-            f"advice.{name}"
-            + "".join(
-                f" + advice.{name}_per_{q} * (sensed.{q} - advice.{q})"
-                for q in told._fields
-                if f"{name}_per_{q}" in columns
-            )
-            for name in command._fields
-        ]
+        terms = []
+        for column in commanded:
+            fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
+            gains = (f"advice.{column}_per_{name} * (sensed.{name} - advice.{name})" for name in fed_back)
+            term = " + ".join([f"advice.{column}", *gains])
+            terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
         text = f"def made_guide(sensed, advice):\n    return Command({', '.join(terms)}), ()"
-        guide = _made(text, returns, Command=command)
+        guide = _made(text, returns, Command=command, arc_cosine=arc_cosine)
     elif kind == "simple":
         function, asked = details
         arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
