@@ -34,7 +34,9 @@ class GainTable:
     The columns are named: `velocity` (or whatever it is against), each command, such as `bank`, and for every quantity
     that is fed back its reference, such as `range`, and its gain, such as `bank_per_range`:
 
-        $\text{bank} = \text{bank}(V) + \text{bank\_per\_range}(V) \, (\text{range now} - \text{range}(V))$
+        $\sigma = \sigma(V) + k(V) \left( R - R(V) \right)$
+
+    with the columns sigma (`bank`), k (`bank_per_range`) and R (`range`), and the range R now.
 
     All are in SI units, linear between rows and constant beyond them. Columns `bank_cosine` and `bank_cosine_per_range`
     give the cosine instead, cut to -1 and 1.
