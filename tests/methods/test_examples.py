@@ -229,6 +229,6 @@ def test_a_law_as_a_function_keeps_its_deadband_in_a_pool_of_processes(tmp_path)
 
 def test_the_lander_meets_its_targets():
     flights = run_path(str(ROOT / "docs/examples/lander.py"))["flights"]
-    deviations = [flights.final[name].std(ddof=1) for name in list(flights.ready.start.names)[:4]]
+    deviations = [flights.final[name].std(ddof=1) for name in list(flights.campaign.start.names)[:4]]
     # Thrust is held for a quarter of a second, which the design does not know.
     np.testing.assert_allclose(deviations, [3.0, 1.0, 0.5, 0.3], rtol=0.08)

@@ -97,7 +97,6 @@ class Declared(NamedTuple):
     So a dispersion that is added leaves all others as they are.
     """
 
-    what: str  # for messages
     names: tuple[str, ...]
     means: tuple[float, ...]
     single: tuple[tuple[int, Normal | Uniform, float], ...]  # place, distribution, SI factor
@@ -114,7 +113,7 @@ class Declared(NamedTuple):
                 values[place] = factor * distribution.of_normals(z[place])
             for places, root in self.joint:
                 # Not a matrix product, whose sums depend on the number of trials.
-                values[list(places)] += (root[:, :, np.newaxis] * z[list(places)]).sum(axis=1)
+                values[list(places)] += sum(np.outer(column, z[k]) for column, k in zip(root.T, places, strict=True))
         return values
 
 
@@ -129,55 +128,48 @@ def declare(given, units, defaults, what) -> Declared:
         ValueError: for an unknown or missing name, a wrong suffix, a number that is not finite or is an angle in
             degrees by its size, a negative deviation, or a covariance that is none.
     """
-    names, means, single, joint = tuple(units), dict(defaults), [], []
+    names, means, single, joint, seen = tuple(units), dict(defaults), [], [], set()
 
     def number(value, name):
         if not isinstance(value, int | float | np.number) or not np.isfinite(value):
             raise ValueError(f"{what} {name!r} is {value!r}; give a finite number, Normal(mean, deviation) or Uniform")
         return float(value)
 
-    def accept(name, factor, mean, written):
+    def accept(written, mean):
+        name, factor = resolve(written, units, what)
         if units[name] == "rad" and abs(mean * factor) > 2.0 * np.pi:
             raise ValueError(f"{what} {written!r} is {mean:g} rad, more than a turn; for degrees write '{name}_deg'")
         if name in seen:
             raise ValueError(f"{what} {name!r} is given twice; give it once")
         seen.add(name)
         means[name] = factor * mean
+        return names.index(name), factor
 
-    seen = set()
     for key, value in given.items():
         if isinstance(key, tuple):
             if not isinstance(value, MultivariateNormal):
                 raise ValueError(f"{what} {key}: several names take MultivariateNormal(means, covariance)")
-            resolved = [resolve(name, units, what) for name in key]
             mean, covariance = np.asarray(value.mean, float), np.asarray(value.covariance, float)
             if mean.shape != (len(key),) or covariance.shape != (len(key), len(key)):
                 raise ValueError(f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them")
-            for (name, factor), middle, written in zip(resolved, mean, key, strict=True):
-                accept(name, factor, number(middle, written), written)
+            accepted = [accept(name, number(middle, name)) for name, middle in zip(key, mean, strict=True)]
+            places, factors = zip(*accepted, strict=True)
             eigenvalues, vectors = np.linalg.eigh(covariance)
             if not np.allclose(covariance, covariance.T) or eigenvalues[0] < -1e-12 * max(eigenvalues[-1], 0.0):
                 raise ValueError(f"{what} {key}: the covariance is not symmetric with eigenvalues of at least zero")
-            factors = np.array([factor for _, factor in resolved])
-            root = factors[:, np.newaxis] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-            joint.append((tuple(names.index(name) for name, _ in resolved), root))
-            continue
-        name, factor = resolve(key, units, what)
-        if isinstance(value, Normal | Uniform):
+            joint.append((places, np.reshape(factors, (-1, 1)) * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))))
+        elif isinstance(value, Normal | Uniform):
             value = type(value)(*(number(part, key) for part in value))
-            if (isinstance(value, Normal) and value.deviation < 0.0) or (
-                isinstance(value, Uniform) and value.low > value.high
-            ):
+            if (value.deviation if isinstance(value, Normal) else value.high - value.low) < 0.0:
                 raise ValueError(f"{what} {key!r} is {value}; a deviation is not negative, and low not above high")
-            single.append((names.index(name), value, factor))
-            accept(name, factor, value.mean, key)
+            place, factor = accept(key, value.mean)
+            single.append((place, value, factor))
         else:
-            accept(name, factor, number(value, key), key)
+            accept(key, number(value, key))
     if missing := [name for name in names if name not in means]:
-        raise ValueError(
-            f"{what} {missing[0]!r} is missing; it needs {', '.join(n for n in names if n not in defaults)}"
-        )
-    return Declared(what, names, tuple(means[name] for name in names), tuple(single), tuple(joint))
+        needed = ", ".join(name for name in names if name not in defaults)
+        raise ValueError(f"{what} {missing[0]!r} is missing; it needs {needed}")
+    return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint))
 
 
 # ---- planet and air --------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """The functions of the two models that come with the package: an entry, and a lander; see `montecarlo.flights`."""
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -15,22 +16,14 @@ _LARGEST_LOG = 700.0  # of a density, that the exponential treats
 # ---- entry -----------------------------------------------------------------------------------------------------------
 
 
-class EntryState(NamedTuple):
-    """State of an entry, see `vehicles.Entry`."""
-
-    altitude: float
-    velocity: float
-    flight_path_angle: float
-    azimuth: float = np.pi / 2
-    latitude: float = 0.0
-    longitude: float = 0.0
-
-
-class EntryVehicle(NamedTuple):
-    """What may be dispersed of an entry vehicle."""
-
-    ballistic_coefficient: float
-    lift_to_drag: float
+_START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
+EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
+EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
+EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
+EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude"), defaults=(0.0, np.inf))
+Air = namedtuple("Air", ("log_density", "factor"))  # the mean, and the trial's own factor
+Drawn = namedtuple("Drawn", ("variation",))  # at the node above, in standard deviations
+Bank = namedtuple("Bank", ("bank",))
 
 
 class EntryParameters(NamedTuple):
@@ -47,48 +40,6 @@ class EntryParameters(NamedTuple):
     retention: float  # correlation of neighbouring nodes
     deviation: np.ndarray  # of the variation at its nodes
     frame: tuple  # directions to the start, of its heading and to the right of it: three of three numbers each
-
-
-class Air(NamedTuple):
-    """Mean density and the trial's own factor."""
-
-    log_density: float
-    factor: float
-
-
-class Drawn(NamedTuple):
-    """What `vary` hands on from node to node."""
-
-    variation: float  # in standard deviations, at the node above
-
-
-class Bank(NamedTuple):
-    """Command of an entry."""
-
-    bank: float
-
-
-class EntrySensed(NamedTuple):
-    """What guidance of an entry is told."""
-
-    altitude: float
-    velocity: float
-    flight_path_angle: float
-    azimuth: float
-    latitude: float
-    longitude: float
-    range: float
-    crossrange: float
-    density: float
-    drag: float
-    lift: float
-
-
-class EntryWatched(NamedTuple):
-    """Largest and lowest so far."""
-
-    max_load: float = 0.0
-    min_altitude: float = np.inf
 
 
 def vary(node, normal, drawn, p) -> tuple[float, Drawn]:
@@ -181,51 +132,13 @@ ENTRY = Flight(entry_rates, look_up=look_up, vary=vary, sense=entry_sense, watch
 # ---- lander ----------------------------------------------------------------------------------------------------------
 
 
-class LanderState(NamedTuple):
-    """State of a descent, see `vehicles.Lander`; its guidance is told all of it."""
-
-    downrange: float
-    altitude: float
-    downrange_velocity: float
-    vertical_velocity: float
-    mass: float
-
-
-class LanderVehicle(NamedTuple):
-    """What may be dispersed of a lander."""
-
-    specific_impulse: float
-    smallest_thrust: float
-    largest_thrust: float
-    thrust_scale: float
-
-
-class LanderParameters(NamedTuple):
-    """What all trials of a descent share."""
-
-    gravity: float
-    thrust_noise: float
-
-
-class Thrust(NamedTuple):
-    """Command of a descent, N."""
-
-    thrust_downrange: float
-    thrust_vertical: float
-
-
-class Disturbance(NamedTuple):
-    """White noise of the force."""
-
-    downrange: float
-    vertical: float
-
-
-class LanderWatched(NamedTuple):
-    """Largest and smallest so far, N."""
-
-    max_command: float = 0.0
-    min_command: float = np.inf
+_STATE = ("downrange", "altitude", "downrange_velocity", "vertical_velocity", "mass")
+LanderState = namedtuple("LanderState", _STATE)
+LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrust", "largest_thrust", "thrust_scale"))
+LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise"))
+LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
+Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
+Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
 def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
@@ -244,11 +157,6 @@ def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
     return LanderState(*changes)
 
 
-def lander_sense(state) -> LanderState:
-    """What guidance is told: the state."""
-    return state
-
-
 def lander_watch(watched, command) -> LanderWatched:
     """Largest and smallest thrust that was commanded, before its limits."""
     wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
@@ -258,4 +166,4 @@ def lander_watch(watched, command) -> LanderWatched:
     )
 
 
-LANDER = Flight(lander_rates, sense=lander_sense, watch=lander_watch, noise=Disturbance)
+LANDER = Flight(lander_rates, watch=lander_watch, noise=Disturbance)

@@ -4,11 +4,11 @@ import re
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.fly.campaign import Campaign, Ready
+from marsedl.fly.campaign import NOT_FINITE, Campaign
 from marsedl.fly.declared import resolve
 from marsedl.fly.vehicles import END_TIME
 
@@ -39,8 +39,7 @@ def order_interval(samples, level, confidence=0.95):
     return (ordered[low - 1], ordered[high - 1]) if low >= 1 and high <= count else (np.nan, np.nan)
 
 
-@dataclass(frozen=True)
-class OneFlight:
+class OneFlight(NamedTuple):
     """One trial alone: a data frame of what is stored at every integration step, its final numbers, its outcome."""
 
     trial: int
@@ -49,41 +48,30 @@ class OneFlight:
     outcome: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Flights:
     """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name."""
 
-    ready: Ready
+    campaign: Campaign
     numbers: np.ndarray  # (quantities, trials)
     outcome: np.ndarray  # (trials,), names
     histories: np.ndarray | None  # (times, quantities, trials)
-    processes: int = 1
-    progress: bool | None = None
+    how: tuple  # processes and progress, for further ones
 
     @classmethod
-    def flown(cls, campaign: Campaign, trials, processes, progress) -> "Flights":
-        """Fly. Raises ValueError as `fly`."""
-        for name, number in (("trials", trials), ("processes", processes)):
+    def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
+        """Fly; says how many flights the model did not cover. Raises ValueError as `fly`."""
+        for name, number in (("trials", trials), ("processes", how[0])):
             if not isinstance(number, int | np.integer) or number < 1:
                 raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
-        ready = campaign.ready()
-        if campaign.history is not None:
-            ready.schedule(campaign.history)
-        flights = cls(ready, *ready.fly_all(0, int(trials), processes, progress), processes, progress)
-        flights._warn()
+        flights = cls(campaign, *campaign.fly_all(0, int(trials), *how), how)
+        lost = np.flatnonzero(flights.outcome == NOT_FINITE)
+        sentences = [f"{lost.size:,} flights became not finite; replay({lost[0]}) shows one"] if lost.size else []
+        if campaign.model.warn:
+            sentences += campaign.model.warn(campaign.p, flights.final)
+        for sentence in sentences:
+            warnings.warn(sentence, stacklevel=3)
         return flights
-
-    def _warn(self):
-        lost = int((self.outcome == "not finite").sum())
-        sentences = (
-            [f"{lost:,} flights became not finite; replay({self._first('not finite')}) shows one"] if lost else []
-        )
-        model = self.ready.model
-        for sentence in (*sentences, *(model.warn(self.ready.p, self.final) if model.warn else ())):
-            warnings.warn(sentence, stacklevel=4)
-
-    def _first(self, outcome):
-        return int(np.argmax(self.outcome == outcome))
 
     def __repr__(self):
         """How many, and how they ended."""
@@ -94,15 +82,10 @@ class Flights:
         """How many flights there are."""
         return self.outcome.size
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the final numbers."""
-        return self.ready.flight().parts["final"]._fields
-
     @cached_property
     def final(self) -> dict[str, np.ndarray]:
         """Final numbers of all flights by name, each (trials,), in SI units."""
-        return dict(zip(self.names, self.numbers, strict=True))
+        return dict(zip(self.campaign.flight().parts["final"]._fields, self.numbers, strict=True))
 
     def outcomes(self) -> dict[str, int]:
         """How many flights ended in which way, the most frequent first."""
@@ -111,26 +94,21 @@ class Flights:
 
     def values(self, name) -> np.ndarray:
         """A final number of all flights, in the unit of its suffix. Raises ValueError for an unknown one."""
-        base, factor = resolve(name, self._units(), "quantity")
+        base, factor = resolve(name, {name: self._meaning(name)[0] for name in self.final}, "quantity")
         return self.final[base] / factor
 
-    def _units(self):
-        return {name: self._meaning(name)[0] for name in self.names}
-
     def _meaning(self, name):
-        return self.ready.model.quantities.get(name) or END_TIME.get(name) or ("", name)
-
-    def _unit(self, name):
-        for suffix, unit in (("_km", "km"), ("_deg", "deg")):
-            if name not in self.final and name.endswith(suffix):
-                return unit
-        return self._meaning(name)[0]
+        """Unit and meaning."""
+        suffix = name.rpartition("_")[2]
+        if name not in self.final and suffix in ("km", "deg"):
+            return suffix, name
+        return (self.campaign.model.quantities | END_TIME).get(name, ("", name))
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""
-        counted = self.outcome == self.ready.end
-        others = ", ".join(f"{n:,} {name}" for name, n in self.outcomes().items() if name != self.ready.end)
-        return counted, f"{others} of {self.trials:,} flights left out" if others else ""
+        end, outcomes = self.campaign.end, self.outcomes()
+        others = ", ".join(f"{count:,} {name}" for name, count in outcomes.items() if name != end)
+        return self.outcome == end, f"{others} of {self.trials:,} flights left out" if others else ""
 
     def percentiles(self, names, levels=(1, 50, 99), confidence=0.95):
         """Percentiles of final numbers over all flights that ended, with distribution-free confidence intervals.
@@ -161,7 +139,7 @@ class Flights:
                 few = f"{samples.size:,} flights; an interval takes {needed:,}" if samples.size < needed else ""
                 value = np.quantile(samples, share) if samples.size else np.nan
                 note = "; ".join(filter(None, (few, left_out)))
-                rows.append((name, self._unit(name), float(level), value, lower, upper, note))
+                rows.append((name, self._meaning(name)[0], float(level), value, lower, upper, note))
         return pd.DataFrame(rows, columns=["quantity", "unit", "percentile", "value", "lower", "upper", "note"])
 
     def until(self, goal, at_most=1_000_000) -> "Flights":
@@ -178,15 +156,14 @@ class Flights:
             raise ValueError(f"goal {goal!r} is not of the form 'p99 of range within 5 %', or 'within 200 m'")
         level, name, width, unit = float(match[1]), match[2], float(match[3]), match[4]
         self.values(name)
-        if unit not in ("%", self._unit(name)):
-            raise ValueError(f"goal {goal!r}: {name} is in {self._unit(name)}; write '%' or '{self._unit(name)}'")
+        own = self._meaning(name)[0]
+        if unit not in ("%", own):
+            raise ValueError(f"goal {goal!r}: {name} is in {own}; write '%' or '{own}'")
         flights = self
         while True:
             row = flights.percentiles([name], [level]).iloc[0]
-            reached, wanted = (
-                0.5 * (row["upper"] - row["lower"]),
-                width * (abs(row["value"]) / 100 if unit == "%" else 1),
-            )
+            reached = 0.5 * (row["upper"] - row["lower"])
+            wanted = width * (abs(row["value"]) / 100 if unit == "%" else 1)
             if reached <= wanted:
                 return flights
             if flights.trials >= at_most:
@@ -197,12 +174,10 @@ class Flights:
 
     def extended(self, trials) -> "Flights":
         """The same flights and further ones, up to this number of trials."""
-        more = self.ready.fly_all(self.trials, trials, self.processes, self.progress)
-        joined = (
-            np.concatenate([old, new], axis=-1) for old, new in zip((self.numbers, self.outcome), more, strict=False)
-        )
-        histories = None if more[2] is None else np.concatenate([self.histories, more[2]], axis=-1)
-        return Flights(self.ready, *joined, histories, self.processes, self.progress)
+        more = self.campaign.fly_all(self.trials, trials, *self.how)
+        pairs = zip((self.numbers, self.outcome, self.histories), more, strict=True)
+        joined = (None if new is None else np.concatenate([old, new], axis=-1) for old, new in pairs)
+        return Flights(self.campaign, *joined, self.how)
 
     def against(self, other, names=None, confidence=0.95):
         """Mean differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
@@ -221,14 +196,14 @@ class Flights:
         import pandas as pd
         from scipy.special import ndtri
 
-        first, second = ((flown.ready.campaign.seed, flown.trials) for flown in (self, other))
-        if first != second:
+        mine, others = ((flights.trials, flights.campaign.seed) for flights in (self, other))
+        if mine != others:
             raise ValueError(
-                f"these are {first[1]:,} flights of seed {first[0]}, the others {second[1]:,} of seed {second[0]}: fly "
+                f"these are {mine[0]:,} flights of seed {mine[1]}, the others {others[0]:,} of seed {others[1]}: fly "
                 f"both with the same seed and trials, so that they meet the same errors"
             )
         both, rows = self._counted()[0] & other._counted()[0], []
-        for name in names if names is not None else [name for name in self.names if name in other.names]:
+        for name in names if names is not None else [name for name in self.final if name in other.final]:
             first, second = self.values(name)[both], other.values(name)[both]
             difference, count = first - second, int(both.sum())
             deviation = difference.std(ddof=1) if count > 1 else np.nan
@@ -236,7 +211,7 @@ class Flights:
             mean = difference.mean() if count else np.nan
             varies = count > 1 and first.std() > 0 and second.std() > 0
             correlation = np.corrcoef(first, second)[0, 1] if varies else np.nan
-            rows.append((name, self._unit(name), mean, mean - width, mean + width, deviation, correlation, count))
+            rows.append((name, self._meaning(name)[0], mean, mean - width, mean + width, deviation, correlation, count))
         columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
         return pd.DataFrame(rows, columns=columns)
 
@@ -261,15 +236,14 @@ class Flights:
 
         if not isinstance(trial, int | np.integer) or not 0 <= trial < self.trials:
             raise ValueError(f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}")
-        campaign, ready, trial = self.ready.campaign, self.ready, int(trial)
+        campaign, trial = self.campaign, int(trial)
         step = campaign.period / campaign.substeps
-        flown = ready.fly_in_python(trial, step) if in_python else ready.fly(range(trial, trial + 1), step)
-        stored = ready.flight().parts["stored"]._fields
-        length = int(flown.length[0])
-        index = pd.Index(ready.schedule(step).times[:length], name="time")
-        history = pd.DataFrame(flown.history[:length, :, 0], index=index, columns=list(stored))
-        final = dict(zip(self.names, flown.final_state[:, 0].tolist(), strict=True))
-        return OneFlight(trial, history, final, str(ready.outcomes(flown)[0]))
+        flown = campaign.fly(range(trial, trial + 1), step, in_python)
+        length, parts = int(flown.length[0]), campaign.flight().parts
+        index = pd.Index(campaign.schedule(step).times[:length], name="time")
+        history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
+        final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
+        return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]))
 
     def to_pandas(self):
         """Data frame of the final numbers and the outcome of every flight, in SI units."""
@@ -293,8 +267,8 @@ class Flights:
         variables["outcome"] = ("trial", self.outcome, {"long_name": "how the flight ended"})
         coordinates = {"trial": np.arange(self.trials)}
         if self.histories is not None:
-            times = self.ready.schedule(self.ready.campaign.history).times
+            times = self.campaign.schedule(self.campaign.history).times
             coordinates["time"] = ("time", times, {"units": "s", "long_name": "time"})
-            for row, name in enumerate(self.ready.flight().parts["stored"]._fields):
+            for row, name in enumerate(self.campaign.flight().parts["stored"]._fields):
                 variables[f"{name}_history"] = described(("time", "trial"), self.histories[:, row], name)
-        return xarray.Dataset(variables, coordinates, {"seed": self.ready.campaign.seed})
+        return xarray.Dataset(variables, coordinates, {"seed": self.campaign.seed})

@@ -2,7 +2,7 @@
 
 import inspect
 from collections import namedtuple
-from functools import lru_cache, partial, wraps
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple, get_args, get_type_hints
 
@@ -87,14 +87,10 @@ class GainTable:
         return tuple(columns)
 
 
-class LawError(ValueError):
-    """A law that does not return what it should."""
-
-
 class Bound(NamedTuple):
-    """A law ready for a flight: its functions (compiled form, and as it is written), and its parameters."""
+    """A law ready for a flight: what its functions are made from, hashable, and its parameters."""
 
-    kind: tuple  # hashable: what `functions` is made from
+    kind: tuple
     parameters: tuple
 
 
@@ -105,42 +101,36 @@ class Gains(NamedTuple):
     values: np.ndarray  # (columns, nodes)
 
 
-def bind(law, flight) -> Bound:
-    """Make of a law what a flight needs, and its parameters.
+def bind(law, flight, nominal) -> Bound:
+    """Make of a law what a flight needs.
 
     Args:
         law: None; a number or a tuple of numbers, the constant command; a `GainTable`; a function; a
             `functools.partial` of one with its argument `law`; or the parameters of the flight's own guidance.
-        flight: `Flight` that it shall steer.
+        flight: `Flight` that it shall steer. nominal: start by name.
 
     Raises:
-        ValueError: for a law that is none of these, or asks for what it is not told.
+        ValueError: for a law that is none of these, asks for what it is not told, or returns no command.
     """
     if flight.guides:
         if law is not None and not hasattr(law, "_fields"):
-            raise ValueError(
-                "the model has guidance of its own: law takes its parameters, a NamedTuple, or is left out"
-            )
+            raise ValueError("the model has guidance of its own: law takes its parameters, a NamedTuple, or nothing")
         return Bound(("own",), () if law is None else law)
     if law is None and "command" not in inspect.signature(flight.functions["rates"]).parameters:
         return Bound(("none",), ())
     told, command = told_by(flight), _command_of(flight)
-    if law is None:
-        law = (0.0,) * len(command._fields)
     if isinstance(law, GainTable):
-        commanded = law.commanded(told._fields, command._fields)
-        values = np.array([law.columns[column] for column in law.columns])
+        commanded, values = law.commanded(told._fields, command._fields), np.array([*law.columns.values()])
         return Bound(("table", law.against, tuple(law.columns), commanded), Gains(law.nodes, values))
-    if isinstance(law, int | float | tuple) and not isinstance(law, bool):
-        numbers = law if isinstance(law, tuple) else (law,)
-        if len(numbers) != len(command._fields) or not all(np.isfinite(number) for number in numbers):
-            raise ValueError(
-                f"law {law!r}: a constant command is {len(command._fields)} numbers: {', '.join(command._fields)}"
-            )
+    if law is None or isinstance(law, int | float | tuple):
+        numbers = (0.0,) * len(command._fields) if law is None else law if isinstance(law, tuple) else (law,)
+        if len(numbers) != len(command._fields) or not np.isfinite(numbers).all():
+            names = ", ".join(command._fields)
+            raise ValueError(f"law {law!r}: a constant command is {len(command._fields)} numbers: {names}")
         return Bound(("constant",), command(*map(float, numbers)))
     function, given = (law.func, law.keywords) if isinstance(law, partial) else (law, {})
     function = getattr(function, "py_func", function)
-    if not inspect.isfunction(function) or set(given) - {"law"}:
+    if not inspect.isfunction(function) or {*given} - {"law"}:
         raise ValueError(
             f"law {law!r} is none: give a function, partial(function, law=parameters), a GainTable or a constant"
         )
@@ -152,71 +142,72 @@ def bind(law, flight) -> Bound:
             f"as the argument's default"
         )
     kinds = get_args(get_type_hints(function).get("return"))
-    if len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds):
-        return Bound(("guide", function), parameters)
+    remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
     offered = ("time", "law", "vehicle", "sensed", *told._fields)
-    for name in asked:
+    for name in () if remembers else asked:
         if name not in offered:
             raise ValueError(f"{_where(function)} asks for {name!r}, of which it is not told; {nearest(name, offered)}")
-    return Bound(("simple", function, tuple(asked)), parameters)
+    _try_once(function, asked, kinds if remembers else (command,), told, nominal, parameters)
+    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked)), parameters)
 
 
-def try_once(law, flight, nominal):
-    """Ask a law once, at the nominal start, so that a wrong one is told before anything is compiled.
+def _try_once(function, asked, kinds, told, nominal, parameters):
+    """Ask a law once, so that a wrong one is told before anything is compiled.
 
-    What it is told beside the start is one here, so other errors that depend on numbers are left to the flight. Raises
-    LawError for a wrong result, AttributeError for what is not told.
+    It is told the nominal start, and one for all else: what goes wrong with such numbers is left to the flight.
     """
-    if law.kind[0] not in ("simple", "guide"):
-        return
-    function, told = law.kind[1], told_by(flight)
-    kinds = (_command_of(flight),) if law.kind[0] == "simple" else get_args(get_type_hints(function)["return"])
     sensed = told(*(nominal.get(name, 1.0) for name in told._fields))
-    offered = sensed._asdict() if law.kind[0] == "simple" else {}
-    offered |= {"time": 0.0, "sensed": sensed, "law": law.parameters}
-    if law.kind[0] == "guide":
-        offered |= {"memory": kinds[1]()} if len(kinds[1]._field_defaults) == len(kinds[1]._fields) else {}
-    asked = inspect.signature(function).parameters
-    if all(name in offered for name in asked):
-        try:
-            _checked(function, kinds)(*(offered[name] for name in asked))
-        except LawError:
-            raise
-        except (ArithmeticError, TypeError, ValueError):
-            pass
+    offered = sensed._asdict() | {"sensed": sensed, "time": 0.0, "law": parameters}
+    if len(kinds[-1]._field_defaults) == len(kinds[-1]._fields):
+        offered["memory"] = kinds[-1]()
+    if not all(name in offered for name in asked):
+        return
+    try:
+        result = function(*(offered[name] for name in asked))
+    except (ArithmeticError, TypeError, ValueError):
+        return
+    parts = ((*result,) if isinstance(result, tuple) else (result,),) if len(kinds) == 1 else result
+    sizes = [len(part) if isinstance(part, tuple) else None for part in parts] if isinstance(parts, tuple) else []
+    if sizes != [len(kind._fields) for kind in kinds] or not all(
+        isinstance(number, int | float | np.number) for part in parts for number in part
+    ):
+        wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
+        raise ValueError(f"{_where(function)} returned {result!r}; it must return {wanted}")
 
 
 def told_by(flight):
     """NamedTuple of what laws are told: what `sense` returns, else the state."""
-    return flight.parts["sensed"] if "sense" in flight.classes else flight.parts["state"]
+    return flight.parts["sensed" if "sense" in flight.classes else "state"]
 
 
 def _command_of(flight):
-    command = get_type_hints(flight.functions["rates"]).get("command")
+    rates = flight.functions["rates"]
+    command = get_type_hints(rates).get("command")
     if not hasattr(command, "_fields"):
         raise ValueError(
-            f"{_where(flight.functions['rates'])} takes no command: let it ask for 'command', annotated with the "
-            f"NamedTuple that a law returns"
+            f"{_where(rates)} takes no command: let it ask for 'command', annotated with the NamedTuple of a law"
         )
     return command
 
 
 def _where(function):
-    code = function.__code__
-    return f"{function.__name__} ({code.co_filename}, line {code.co_firstlineno})"
+    return f"{function.__name__} ({function.__code__.co_filename}, line {function.__code__.co_firstlineno})"
 
 
-def _made(text, returns, **names):
-    """The function that a text defines, annotated with what it returns; texts are made of checked names alone."""
-    exec(text, names)
-    (function,) = (value for key, value in names.items() if key.startswith("made_"))
-    function.__annotations__["return"] = returns
-    function.__module__ = __name__
-    return function
+def _made(text, returns, like=None, **names):
+    """The function that a text of checked names defines, annotated; messages name the function that it is like."""
+    exec(f"def made{text}", names)
+    made = names["made"]
+    made.__annotations__["return"], made.__module__ = returns, __name__
+    if like:
+        code = like.__code__
+        place = {"co_filename": code.co_filename, "co_firstlineno": code.co_firstlineno}
+        made.__name__, made.__code__ = like.__name__, made.__code__.replace(co_name=code.co_name, **place)
+    return made
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: the sum of weights x state falls to a value. Data, so that kernels serve all."""
+    """Where a trigger ends a flight: the sum of weights x state falls to a value; one kernel serves all."""
 
     weights: tuple[float, ...]
     value: float
@@ -239,11 +230,9 @@ def trigger_of(trigger, flight, nominal, units):
     if not isinstance(trigger, Below | Above):
         raise ValueError(f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function")
     name, factor = resolve(trigger.quantity, units, "trigger")
-    text, sign = (
-        f"{trigger.quantity} {type(trigger).__name__.lower()} {trigger.value:g}",
-        isinstance(trigger, Below) * 2 - 1,
-    )
-    end = End(tuple(float(sign) if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
+    sign, word = (1.0, "below") if isinstance(trigger, Below) else (-1.0, "above")
+    end = End(tuple(sign if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
+    text = f"{trigger.quantity} {word} {trigger.value:g}"
     if sign * nominal[name] <= end.value:
         raise ValueError(f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
     return "falls", end, f"ended: {text}"
@@ -259,105 +248,78 @@ def extended(kind):
 
 @lru_cache(64)
 def completed(flight, law, trigger, compiles):
-    """The flight with its law and trigger; every step may be stored, and the end is told by name.
+    """The flight with its law and trigger, which stores what laws are told and command, and the time of its end.
 
     Args:
         flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
-        compiles: whether the flight is to be compiled, or to fly in Python, where laws are checked.
+        compiles: whether the flight is to be compiled, or to fly in Python.
     """
-    from marsedl.montecarlo.elementary import arc_cosine
     from marsedl.montecarlo.flights import Flight, Nothing
     from marsedl.montecarlo.lanes import inline_njit
 
-    told = told_by(flight)
-    parts = parts_of(flight)
-    parts.setdefault("sense", _made("def made_sense(state):\n    return state", told))
-    kind, *details = law
-    guide = parts.pop("guide")
-    if kind in ("constant", "table", "simple"):
+    told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
+    parts.setdefault("sense", _made("(state):\n    return state", told))
+    if kind == "guide":
+        parts["guide"] = details[0]
+    elif kind not in ("own", "none"):
         command = _command_of(flight)
         returns = tuple[command, Nothing]
-    if kind == "guide":
-        guide = details[0]
-    elif kind == "constant":
-        values = ", ".join(f"law.{name}" for name in command._fields)
-        guide = _made(f"def made_guide(law):\n    return Command({values}), ()", returns, Command=command)
-    elif kind == "table":
-        against, columns, commanded = details
-        advice = namedtuple("Advice", columns)
-        rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
-        parts["consult"] = _made(
-            f"def made_consult(time, sensed, law):\n"
-            f"    place = {'time' if against == 'time' else f'sensed.{against}'}\n"
-            f"    node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)\n"
-            f"    part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])\n"
-            f"    part = min(max(part, 0.0), 1.0)\n"
-            f"    low = 1.0 - part\n"
-            f"    return Advice({', '.join(rows)})",
-            advice,
-            np=np,
-            Advice=advice,
-        )
-        terms = []
-        for column in commanded:
-            fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
-            gains = (f"advice.{column}_per_{name} * (sensed.{name} - advice.{name})" for name in fed_back)
-            term = " + ".join([f"advice.{column}", *gains])
-            terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
-        text = f"def made_guide(sensed, advice):\n    return Command({', '.join(terms)}), ()"
-        guide = _made(text, returns, Command=command, arc_cosine=arc_cosine)
-    elif kind == "simple":
-        function, asked = details
-        arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
-        needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
-        star = "" if len(command._fields) == 1 else "*"
-        text = f"def made_guide({needed}):\n    return Command({star}law_of_user({arguments})), ()"
-        called = inline_njit(function) if compiles else _checked(function, (command,))
-        guide = _made(text, returns, Command=command, law_of_user=called)
-    if not compiles and kind == "guide":
-        guide = _checked(guide, get_args(get_type_hints(guide)["return"]))
+        if kind == "constant":
+            parts["guide"] = _made("(law):\n    return law, ()", returns)
+        elif kind == "table":
+            parts |= _of_table(*details, told, command, returns)
+        else:
+            function, asked = details
+            arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
+            needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
+            star = "*" if len(command._fields) > 1 else ""
+            text = f"({needed}):\n    return Command({star}law_of_user({arguments})), ()"
+            called = inline_njit(function) if compiles else function
+            parts["guide"] = _made(text, returns, function, Command=command, law_of_user=called)
     if trigger is not None:
         terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
-        text = f"def made_ended(state, p):\n    return {' + '.join(terms)} - p.end.value"
-        parts["ended"] = trigger if callable(trigger) else _made(text, float)
-    commands = (
-        get_args(get_type_hints(guide).get("return"))[0]._fields if guide and not isinstance(guide, tuple) else ()
+        falls = f"(state, p):\n    return {' + '.join(terms)} - p.end.value"
+        parts["ended"] = trigger if callable(trigger) else _made(falls, float)
+    guide, sensed = parts["guide"], dict.fromkeys(told._fields, "sensed")
+    guide = guide[0] if isinstance(guide, tuple) else guide
+    commands = get_args(get_type_hints(guide)["return"])[0]._fields if guide else ()
+    parts.setdefault("store", _gathered(sensed | {name: "command" for name in commands if name not in sensed}))
+    watched = dict.fromkeys(flight.parts["watched"]._fields, "watched")
+    parts.setdefault("finish", _gathered(sensed | watched, "time"))
+    return Flight(**parts)
+
+
+def _of_table(against, columns, commanded, told, command, returns):
+    """Functions of a gain table: `consult`, which reads it, and `guide`."""
+    from marsedl.montecarlo.elementary import arc_cosine
+
+    advice = namedtuple("Advice", columns)
+    rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
+    consult = (
+        f"(time, sensed, law):\n"
+        f"    place = {'time' if against == 'time' else f'sensed.{against}'}\n"
+        f"    node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)\n"
+        f"    part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])\n"
+        f"    part = min(max(part, 0.0), 1.0)\n"
+        f"    low = 1.0 - part\n"
+        f"    return Advice({', '.join(rows)})"
     )
-    if "store" not in parts:
-        parts["store"] = _gathered(
-            "store",
-            {**dict.fromkeys(told._fields, "sensed"), **{n: "command" for n in commands if n not in told._fields}},
-        )
-    if "finish" not in parts:
-        watched = flight.parts["watched"]._fields
-        fields = {**dict.fromkeys(told._fields, "sensed"), **dict.fromkeys(watched, "watched")}
-        parts["finish"] = _gathered("finish", fields, "time")
-    return Flight(**parts, guide=guide)
+    terms = []
+    for column in commanded:
+        fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
+        gains = (f"advice.{column}_per_{name} * (sensed.{name} - advice.{name})" for name in fed_back)
+        term = " + ".join([f"advice.{column}", *gains])
+        terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
+    guide = f"(sensed, advice):\n    return Command({', '.join(terms)}), ()"
+    return {
+        "consult": _made(consult, advice, np=np, Advice=advice),
+        "guide": _made(guide, returns, Command=command, arc_cosine=arc_cosine),
+    }
 
 
-def _gathered(role, fields, *first):
-    """The function that stores these fields of these parts, or (first) the time as `end_time`."""
-    kind = namedtuple(role.title(), (*("end_time" for _ in first), *fields))
+def _gathered(fields, *first):
+    """The function that returns these fields of these parts, after (first) the time as `end_time`."""
+    kind = namedtuple("Gathered", (*("end_time" for _ in first), *fields))
     arguments = ", ".join((*first, *dict.fromkeys(fields.values())))
     values = ", ".join((*first, *(f"{part}.{name}" for name, part in fields.items())))
-    return _made(f"def made_{role}({arguments}):\n    return Kind({values})", kind, Kind=kind)
-
-
-def _checked(function, kinds):
-    """A law as it is written, held to return the numbers of its command, or the parts that it is annotated with."""
-
-    @wraps(function)
-    def checked(*arguments):
-        result = function(*arguments)
-        alone = len(kinds) == 1
-        parts = ((result if isinstance(result, tuple) else (result,)),) if alone else result
-        if (
-            not isinstance(parts, tuple)
-            or [len(part) if isinstance(part, tuple) else None for part in parts] != [len(k._fields) for k in kinds]
-            or not all(isinstance(number, int | float | np.number) for part in parts for number in part)
-        ):
-            wanted = ", ".join(kinds[0]._fields) if alone else " and ".join(kind.__name__ for kind in kinds)
-            raise LawError(f"{_where(function)} returned {result!r}; it must return {wanted}")
-        return result
-
-    return checked
+    return _made(f"({arguments}):\n    return Kind({values})", kind, Kind=kind)

@@ -143,8 +143,9 @@ class Entry:
         varied = (0.0, 1.0, 0.0, np.zeros(2))
         if self.variation is not None:
             retention = np.exp(-self.variation.spacing / self.variation.correlation_length)
-            varied = (self.variation.bottom, self.variation.spacing, retention, self.variation.deviations())
-        mean = (self.nodes[0], self.nodes[2], np.asarray(log_density, float))
+            bottom, spacing = float(self.variation.bottom), float(self.variation.spacing)
+            varied = (bottom, spacing, float(retention), self.variation.deviations())
+        mean = (float(self.nodes[0]), float(self.nodes[2]), np.asarray(log_density, float))
         return Model(
             dynamics.ENTRY,
             p=dynamics.EntryParameters(*map(float, self.planet), *mean, *varied, frame=()),
