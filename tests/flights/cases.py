@@ -63,6 +63,8 @@ def rounded(values, digits=DIGITS):
 
 def rounded_record(record):
     """A record of constants, its floating-point ones rounded."""
+    if hasattr(record, "_fields"):
+        return rounded_tuple(record)
     new = record.copy()
     for name in record.dtype.names:
         if record.dtype[name].kind == "f":
@@ -134,7 +136,7 @@ def entry_reference():
         plant.settings, air, entry_flight.NOMINAL_LAW, vehicles, trigger="velocity", end_time=400.0, substeps=4, seed=0
     )
     altitude, velocity, path_angle, downrange, density, _, cosine = flown.history[: flown.length[0], :, 0].T
-    radius = altitude + plant.settings["planet_radius"][0]
+    radius = altitude + plant.settings.planet_radius
     drag = vehicles.drag_factor[0] * density * velocity * velocity
     features = (radius, velocity, path_angle, downrange, density, drag, velocity * path_angle)
     return rounded(np.column_stack(features), 6), rounded(cosine, 6)

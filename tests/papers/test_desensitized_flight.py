@@ -364,6 +364,17 @@ def test_a_trial_alone_is_that_of_the_block(first):
         assert_identical(fly(initial[trials], GAIN, density_factor=factor[trials]), block, trials)
 
 
+@pytest.mark.parametrize("gain", [OPEN, GAIN])
+@pytest.mark.parametrize("start", [perturbed(1)[0], STEEP])
+def test_compiled_flights_are_those_of_the_functions_as_written(start, gain, monkeypatch):
+    """Bit for bit, with the feedback at its bound and to the ground, too."""
+    options = {"inputs": with_bound(NARROW), "density_factor": 1.05, "every": 5}
+    compiled = fly(start, gain, **options)
+    monkeypatch.setattr(flight.FLIGHT, "fly", flight.FLIGHT.fly_in_python)
+    assert_identical(fly(start, gain, **options), compiled)
+    assert (compiled.outcome == CRASHED) == (start is STEEP)
+
+
 # ---- bad ends and bad input ------------------------------------------------------------------------------------------
 
 
@@ -395,18 +406,16 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(bad):
-    initial = perturbed(70)
+    initial, factor = perturbed(70), np.ones(70)
     healthy = fly(initial, GAIN)
-    for component in range(8):
-        spoiled = initial.copy()
-        spoiled[[3, 66], component] = bad
-        trajectories = fly(spoiled, GAIN)
-        assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
-        unspoiled = np.delete(np.arange(70), [3, 66])
-        for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(
-                getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
-            )
+    factor[[3, 66]] = bad
+    trajectories = fly(initial, GAIN, density_factor=factor)
+    np.testing.assert_array_equal(trajectories.outcome, np.where(factor == 1.0, COMPLETED, NON_FINITE))
+    unspoiled = factor == 1.0
+    for name in ("history", "observed", "observed_maximum", "final_state", "length"):
+        np.testing.assert_array_equal(
+            getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
+        )
 
 
 def test_references_and_steps_that_do_not_fit_are_refused():
@@ -416,3 +425,5 @@ def test_references_and_steps_that_do_not_fit_are_refused():
         fly(ENTRY, every=3)
     with pytest.raises(ValueError, match="substeps must be a whole number from 1 on"):
         fly(ENTRY, substeps=2.5)
+    with pytest.raises(ValueError, match=r"start\.bank of trial 1 is nan"):
+        fly([ENTRY, np.where(np.arange(8) == components.BANK, np.nan, ENTRY)])

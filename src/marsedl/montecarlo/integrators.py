@@ -21,7 +21,7 @@ All schemes have strong order 1 with additive noise, as the noise enters only by
 differ in the deterministic part: order 4 against order 1, which is also the weak order of both Euler schemes.
 """
 
-from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.lanes import LANES, inline_called_njit
 
 
 def runge_kutta_4(drift):
@@ -31,7 +31,7 @@ def runge_kutta_4(drift):
     returns `advance`, see the module.
     """
 
-    @inline_njit
+    @inline_called_njit
     def advance(step_index, step, state, noise, parameters, work):
         stage, slope, total = work
         rows = state.shape[0]
@@ -66,7 +66,7 @@ def euler_maruyama(drift):
     The drift is evaluated at the half index 2k. Takes the drift, returns `advance`: see the module.
     """
 
-    @inline_njit
+    @inline_called_njit
     def advance(step_index, step, state, noise, parameters, work):
         _, slope, _ = work
         drift(2 * step_index, state, noise, parameters, slope)
@@ -86,7 +86,7 @@ def semi_implicit_euler(positions):
     """
 
     def scheme(drift):
-        @inline_njit
+        @inline_called_njit
         def advance(step_index, step, state, noise, parameters, work):
             _, slope, _ = work
             drift(2 * step_index, state, noise, parameters, slope)

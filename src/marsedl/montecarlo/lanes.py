@@ -16,6 +16,10 @@ LANES = 64
 # Decorator of everything that runs inside a kernel's loops. Inlining is forced: a call would prevent vectorisation.
 inline_njit = njit(error_model="numpy", forceinline=True)
 
+# For what compiled code alone calls: without the wrappers for calls from Python and C, which would be compiled, too.
+called_njit = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inline_called_njit = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
 
 @intrinsic
 def lane_array(typing_context, rows):

@@ -81,12 +81,12 @@ def describe(function):
 
 def compiled(function, role):
     """The function, compiled, taking all that its role is offered, in that order, and handing on what it asks for."""
-    from marsedl.montecarlo.lanes import inline_njit
+    from marsedl.montecarlo.lanes import inline_called_njit
 
-    space = {"function": inline_njit(function)}
+    space = {"function": inline_called_njit(function)}
     arguments = ", ".join(asked(function, role))
     exec(f"def call({', '.join(OFFERED[role])}):\n    return function({arguments})", space)
-    return inline_njit(space["call"])
+    return inline_called_njit(space["call"])
 
 
 # ---- the cached kernel -----------------------------------------------------------------------------------------------

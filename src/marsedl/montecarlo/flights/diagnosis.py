@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numba.core import errors
 
-from marsedl.montecarlo.flights.binding import OFFERED, compiled, describe
+from marsedl.montecarlo.flights.binding import OFFERED, asked, compiled, describe
 from marsedl.montecarlo.flights.columns import column, dresser, flat, getter, putter, shape_of
 from marsedl.montecarlo.lanes import LANES, lane_array
 
@@ -58,7 +58,7 @@ def scalar_loops(flight, p, law, vehicle_class):
     roles += [("guide", function, ("command", "memory")) for function in flight.guides]
     found = []
     for role, function, results in roles:
-        if function:
+        if function and "past" not in asked(function, role):  # loops over its own past
             probe = _loop_alone(role, function, kinds, results, shape_of(p), shape_of(law))
             probe(flat(p) or (0.0,), flat(law) or (0.0,), np.ones((64, LANES)), np.empty((64, LANES)))
             code = next(iter(probe.inspect_asm().values()))

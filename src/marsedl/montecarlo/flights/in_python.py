@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import Nothing, asked, describe
+from marsedl.montecarlo.flights.binding import asked, describe
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
 from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -33,6 +33,8 @@ def fly(
     past=0,
 ):
     """Fly one trial; arguments as of `Flight.fly_in_python`."""
+    earlier = start if isinstance(start, Trajectories) else None
+    start = earlier.final_state if earlier else start
     width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, trials)
     if not first_trial <= trial:
         raise ValueError(f"trial {trial} comes before the first one, {first_trial}")
@@ -42,7 +44,8 @@ def fly(
     parts, integrator, noise_class = flight.parts, flight.options[0], flight.options[1]
     end_tolerance, watch_steps = flight.options[2:]
     first_state = table_of(start, width)[:, own : own + 1]
-    check_start(first_state, parts["state"], trial)
+    if not earlier:
+        check_start(first_state, parts["state"], trial)
 
     model = _Model(flight, p, law)
     now = model.now
@@ -55,6 +58,7 @@ def fly(
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
+    if "vary" in flight.classes and air is None:
         for node, normal in zip(reversed(range(nodes)), normals(seed, streams[1], [trial], nodes)[0], strict=True):
             now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
@@ -62,7 +66,7 @@ def fly(
     draws = draws[first_increment * size :].reshape(total, increments, size)
 
     ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
-    watched = parts["watched"](*map(np.float64, parts["watched"]())) if "watch" in flight.classes else Nothing()
+    watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))
     times = len(schedule.times)
     history = np.full((times, len(parts["stored"]._fields) if stored is None else stored, 1), np.nan)
     observed = np.full((times, len(parts["observed"]._fields), 1), np.nan)

@@ -1,11 +1,10 @@
 """The compiled flight of a group of trials: loops over lanes, the root of the end, noise, air and what is stored."""
 
 import numpy as np
-from numba import njit
 
 from marsedl.montecarlo.flights.binding import compiled
 from marsedl.montecarlo.flights.columns import borrowed, column, dresser, getter, putter
-from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 END_ITERATIONS = 60  # more than the few that a smooth flight needs
@@ -21,12 +20,20 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
         _fly_group(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
-def group_flight(model, p_shape, law_shape, vehicle_class):
+def group_flight(model, key, p_shape, law_shape, vehicle_class):
     """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters, law and vehicle being of these shapes.
 
     Loops over lanes call one function of the model each, so that they become vector code; look-ups and `consult` have
     loops of their own. Conditions of the model, such as `ends`, are constants to the compiler.
+
+    key: digest of all that is compiled. What is called carries it in its name: kernels that other processes compiled
+    and cached meet in one, where of two symbols of the same name the first serves both.
     """
+
+    def named_njit(function):
+        function.__qualname__ += f"_{key}"
+        return called_njit(function)
+
     integrator, noise_class, end_tolerance, watch_steps = model.options
     functions, classes = model.functions, model.classes
     has = {role: function is not None for role, function in functions.items()}
@@ -37,7 +44,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
     steers, phases = len(guides) > 0, len(guides)
     finds_root = ends and classes["ended"] is float
 
-    @inline_njit
+    @inline_called_njit
     def absent(*unused):
         return ()
 
@@ -87,13 +94,13 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
     )
     dress_p, dress_law = dresser(p_shape), dresser(law_shape)
 
-    @inline_njit
+    @inline_called_njit
     def look_up_all(half_index, time, state, found, air, p):
         if looks_up:
             for lane in range(LANES):
                 put_found(look_up(half_index, time, get_state(state, lane), column(air, lane), p), found, lane, None)
 
-    @inline_njit
+    @inline_called_njit
     def drift(half_index, state, noise, parameters, out):
         time, base, step, found, command, vehicle, air, p, known = parameters
         now = time + 0.5 * step * (half_index - base)
@@ -115,7 +122,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
 
     advance = integrator(drift)
 
-    @njit(error_model="numpy")
+    @named_njit
     def step_lane(part, lane, before, parameters, noise, state, slope, end):
         """Fly a part of a Runge-Kutta step of a single lane, from `before` to `end`."""
         time, base, _, found, command, vehicle, air, p, _ = parameters
@@ -143,7 +150,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
             for row in range(STATES):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
 
-    @njit(error_model="numpy")
+    @named_njit
     def to_end(lane, before, parameters, noise, state, slope, end):
         """Fly the part of a step after which `ended` is zero; returns it. `end` holds the end of the whole step before.
 
@@ -171,7 +178,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
                 upper, below, last_side = part, excess, -1
         return part
 
-    @njit(error_model="numpy")
+    @named_njit
     def sample_air(seed, stream, first_trial, table, drawn_after, p):
         """The trials' own air, node by node from the last down, one normal a node."""
         bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
@@ -199,7 +206,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
             return absent
         guide, later = guides[number], steering(number + 1)
 
-        @inline_njit
+        @inline_called_njit
         def steer(place, share, state, found, sensed, advice, memory, vehicle, past, chosen, in_phase, command, law, p):
             half_index, time, cycle = place
             needed = 0
@@ -235,7 +242,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
 
     steer = steering(0)
 
-    @njit(error_model="numpy")
+    @named_njit
     def fly_group(
         p_values,
         law_values,
@@ -256,7 +263,7 @@ def group_flight(model, p_shape, law_shape, vehicle_class):
         history, observed, stored_watched, length, stored_final = results
         rows_stored = min(STORED, history.shape[1])
         drawn = lane_array(DRAWN)
-        if varies:
+        if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
         for node in range(given_air.shape[0]):
             for lane in range(LANES):

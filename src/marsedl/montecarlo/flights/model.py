@@ -171,13 +171,15 @@ class Flight:
         streams=(NOISE_STREAM, AIR_STREAM),
         stored=None,
         past=0,
+        into=None,
     ):
         """Fly consecutive trials, compiled, on as many threads as numba has.
 
         Args:
             p: parameters, a NamedTuple of numbers and arrays. law: likewise, of the guidance law.
             schedule: `Schedule`, see `periods`.
-            start: initial state: a NamedTuple of numbers or arrays (trials,), or an array (numbers, trials).
+            start: initial state: a NamedTuple of numbers or arrays (trials,), or an array (numbers, trials); or
+                `Trajectories`, from whose final states, finite or not, and `observed_maximum` the flight goes on.
             trials: how many; by default as many as the arrays hold.
             vehicle: what is dispersed of the vehicle, a NamedTuple like `start`.
             memory: what guidance remembers at the start; by default the defaults of its class.
@@ -188,6 +190,8 @@ class Flight:
             streams: of the noise and of the air.
             stored: how many of the numbers that `store` returns are stored; by default all.
             past: numbers that a trial's guidance may write to, `past[i]`, for what it remembers of all periods.
+            into: arrays for the history and for what is observed, (times, numbers, trials), where `trials` fill whole
+                groups, see `pad_to_groups`; by default new ones.
 
         Returns:
             `Trajectories`: history and observed are what `store` and `observe` returned, observed_maximum what `watch`
@@ -207,20 +211,25 @@ class Flight:
         options = {"vehicle": vehicle, "law": law, "memory": memory, "nodes": nodes, "air": air, "past": past}
         options |= {"trials": trials, "first_trial": first_trial, "seed": seed, "stored": stored}
         memory = self.parts["memory"]() if memory is None else memory
+        earlier = start if isinstance(start, Trajectories) else None
+        start = earlier.final_state if earlier else start
         given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
         width = width_of(given, trials)
         start, vehicle = (pad_to_groups(table_of(parts, width)) for parts in (start, vehicle))
-        check_start(start, self.parts["state"], first_trial)
+        if not earlier:
+            check_start(start, self.parts["state"], first_trial)
         air = np.empty((0, start.shape[1])) if air is None else pad_to_groups(air)
         vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
         kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
         padded, times = start.shape[1], len(schedule.times)
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
-        first_watched = tuple(self.parts["watched"]()) if size["watched"] else ()
+        watched = earlier.observed_maximum if earlier else np.reshape(tuple(self.parts["watched"]()), (-1, 1))
         flown = Trajectories(
-            history=np.empty((times, size["stored"] if stored is None else stored, padded)),
-            observed=np.empty((times, size["observed"], padded)),
-            observed_maximum=np.array(np.broadcast_to(np.reshape(first_watched, (-1, 1)), (size["watched"], padded))),
+            history=np.empty((times, size["stored"] if stored is None else stored, padded))
+            if into is None
+            else into[0],
+            observed=np.empty((times, size["observed"], padded)) if into is None else into[1],
+            observed_maximum=pad_to_groups(np.broadcast_to(watched, (size["watched"], width))),
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
             length=np.full(padded, times, np.int64),
@@ -273,8 +282,8 @@ class Flight:
 
             module = self.functions["rates"].__module__
             parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
-            bound = loop.group_flight(self, *shapes)
-            self._kernels[shapes] = named_kernel(loop.fly_groups, bound, digest(*parts), module)
+            key = digest(*parts)
+            self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
         return self._kernels[shapes]
 
 

@@ -1,15 +1,16 @@
 """Flight of the nonlinear plant with mass flow under the scheduled control (Eqs. 1, 2, 24, 49)."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.ensembles import Brownian, Segment, new_trajectories, output_count, propagator
+from marsedl.montecarlo.ensembles import output_count
+from marsedl.montecarlo.flights import Flight, Nothing
+from marsedl.montecarlo.flights import Schedule as Periods
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_implicit_euler
-from marsedl.montecarlo.lanes import LANES, inline_njit
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import segments
@@ -17,9 +18,6 @@ from marsedl.papers.powered_descent.inputs import Noise, Planet, Vehicle
 from marsedl.papers.powered_descent.records import DEPTH, Gains
 
 INITIAL_STREAM, NOISE_STREAM = 0, 1
-NOISES = 2  # components of the thrust noise
-OBSERVED = 2  # thrust magnitude, depth below the ground
-INTEGRATORS = ("rk4", "euler_maruyama", "semi_implicit_euler")
 OWN_MASS = np.empty(0)  # in place of a prior mass profile
 
 
@@ -57,15 +55,6 @@ class Draws(NamedTuple):
     seed: int
     first_trial: int = 0
     increments: int = 1  # Brownian increments per step, so that runs of different steps share their paths
-
-
-class Outputs(NamedTuple):
-    """Arrays that a kernel fills, see `Trajectories`."""
-
-    final_state: np.ndarray
-    history: np.ndarray
-    observed: np.ndarray
-    observed_maximum: np.ndarray
 
 
 def schedule(time, tables, steps):
@@ -121,104 +110,110 @@ def step_count(duration, time_step, output_interval):
     return outputs * steps_per_output, steps_per_output
 
 
+# ---- the model -------------------------------------------------------------------------------------------------------
+
+
+class Parameters(NamedTuple):
+    """What a segment is flown with."""
+
+    schedule: Schedule
+    plant: Plant
+
+
+class State(NamedTuple):
+    """The vehicle's."""
+
+    downrange: float  # m
+    altitude: float  # m
+    downrange_velocity: float  # m/s
+    vertical_velocity: float  # m/s
+    mass: float  # kg
+
+
+class Thrust(NamedTuple):
+    """What is commanded, N; and the white noise that it meets, s^(-1/2)."""
+
+    downrange: float
+    vertical: float
+
+
+class Observed(NamedTuple):
+    """What is observed over time, and the largest of it."""
+
+    thrust: float = -np.inf  # magnitude, N
+    depth: float = -np.inf  # below the ground, m
+
+
 @jitable
-def scheduled_thrust(error_1, error_2, error_3, error_4, gain_1, gain_2, gain_3, gain_4, feedforward):
-    """One component of u = u_ff - K (x - mean) (Eq. 24)."""
-    return feedforward - (gain_1 * error_1 + gain_2 * error_2 + gain_3 * error_3 + gain_4 * error_4)
-
-
-@inline_njit
-def _thrust(half_index, state, parameters, lane):
-    gain, mean, feedforward = parameters[0], parameters[1], parameters[2]
-    error_1 = state[0, lane] - mean[half_index, 0]
-    error_2 = state[1, lane] - mean[half_index, 1]
-    error_3 = state[2, lane] - mean[half_index, 2]
-    error_4 = state[3, lane] - mean[half_index, 3]
-    k = gain[half_index]
-    errors = (error_1, error_2, error_3, error_4)
-    return (
-        scheduled_thrust(*errors, k[0, 0], k[0, 1], k[0, 2], k[0, 3], feedforward[half_index, 0]),
-        scheduled_thrust(*errors, k[1, 0], k[1, 1], k[1, 2], k[1, 3], feedforward[half_index, 1]),
+def scheduled_thrust(half_index, state, schedule):
+    """u = u_ff - K (x - mean) (Eq. 24)."""
+    mean, feedforward = schedule.mean[half_index], schedule.feedforward[half_index]
+    k, l = schedule.gain[half_index]
+    e1, e2 = state.downrange - mean[0], state.altitude - mean[1]
+    e3, e4 = state.downrange_velocity - mean[2], state.vertical_velocity - mean[3]
+    return Thrust(
+        feedforward[0] - (k[0] * e1 + k[1] * e2 + k[2] * e3 + k[3] * e4),
+        feedforward[1] - (l[0] * e1 + l[1] * e2 + l[2] * e3 + l[3] * e4),
     )
 
 
-@inline_njit
-def _command(half_index, state, parameters):
-    """Write the thrust that the schedule commands now, (2, LANES)."""
-    command = parameters[4]
-    for lane in range(LANES):
-        command[0, lane], command[1, lane] = _thrust(half_index, state, parameters, lane)
+def command(half_index, state, p) -> tuple[Thrust, Nothing]:
+    """The thrust at the start of a guidance period: a held one, or that of a single step, which is observed."""
+    return scheduled_thrust(half_index, state, p.schedule), ()
 
 
-@inline_njit
-def _drift(half_index, state, noise, parameters, out):
-    gravity, mass_flow, density = parameters[3]
-    command, half_steps_per_command, prior_mass = parameters[4], parameters[5], parameters[6]
-    if half_steps_per_command == 0:
-        _command(half_index, state, parameters)
-    if len(prior_mass) == 0:
-        for lane in range(LANES):
-            out[0, lane], out[1, lane], out[2, lane], out[3, lane], out[4, lane] = powered_descent_rates(
-                (state[0, lane], state[1, lane], state[2, lane], state[3, lane], state[4, lane]),
-                (command[0, lane], command[1, lane]),
-                (density * noise[0, lane], density * noise[1, lane]),
-                gravity,
-                mass_flow,
-            )
-    else:
-        for lane in range(LANES):
-            out[0, lane], out[1, lane], out[2, lane], out[3, lane], out[4, lane] = powered_descent_rates(
-                (state[0, lane], state[1, lane], state[2, lane], state[3, lane], prior_mass[half_index]),
-                (command[0, lane], command[1, lane]),
-                (density * noise[0, lane], density * noise[1, lane]),
-                gravity,
-                mass_flow,
-            )
+@jitable
+def held_rates(half_index, state, command, noise, p) -> State:
+    """Eqs. 1, 2 and 49 under a held thrust, with the vehicle's own mass or the prior one."""
+    prior_mass, density = p.schedule.prior_mass, p.plant.noise_density
+    mass = state.mass if len(prior_mass) == 0 else prior_mass[half_index]
+    return State(
+        *powered_descent_rates(
+            (state.downrange, state.altitude, state.downrange_velocity, state.vertical_velocity, mass),
+            (command.downrange, command.vertical),
+            (density * noise.downrange, density * noise.vertical),
+            p.plant.gravity,
+            p.plant.mass_flow_constant,
+        )
+    )
 
 
-@inline_njit
-def _observe(half_index, state, parameters, out):
-    command, half_steps_per_command = parameters[4], parameters[5]
-    # The engine observes at the start of every step, which is when a held command is renewed.
-    if half_steps_per_command == 0 or half_index % half_steps_per_command == 0:
-        _command(half_index, state, parameters)
-    for lane in range(LANES):
-        out[0, lane] = thrust_magnitude(command[0, lane], command[1, lane])
-        out[1, lane] = -state[1, lane]
+def rates(half_index, state, noise, p) -> State:
+    """Eqs. 1, 2 and 49 under the thrust of Eq. 24 at every time."""
+    return held_rates(half_index, state, scheduled_thrust(half_index, state, p.schedule), noise, p)
 
 
-_runge_kutta = propagator(runge_kutta_4, _drift, _observe)
-_euler_maruyama = propagator(euler_maruyama, _drift, _observe)
-_semi_implicit_euler = propagator(semi_implicit_euler(2), _drift, _observe)
+@jitable
+def observe(state, command) -> Observed:
+    """Thrust and depth at a step."""
+    return Observed(thrust_magnitude(command.downrange, command.vertical), -state.altitude)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def _fly_segment(scheme, control, plant, pace, draws, first_increment, outputs):
-    """Fly one segment with all trials; `outputs.final_state` holds the initial states."""
-    # Named tuples are taken apart here: what a parallel loop writes into an array of a tuple is lost.
-    gain, mean, feedforward = control.gain, control.mean, control.feedforward
-    prior_mass, half_steps_per_command = control.prior_mass, 2 * control.steps_per_command
-    gravity, mass_flow, noise_density = plant
-    final_state, history, observed, observed_maximum = outputs
-    steps, step, every = pace
-    seed, increments = draws.seed, draws.increments
-    for group in prange(final_state.shape[1] // LANES):
-        lanes = slice(group * LANES, (group + 1) * LANES)
-        state = final_state[:, lanes].copy()
-        largest = observed_maximum[:, lanes].copy()
-        states, observations = history[:, :, lanes], observed[:, :, lanes]
-        command, constants = np.empty((2, LANES)), (gravity, mass_flow, noise_density)
-        parameters = (gain, mean, feedforward, constants, command, half_steps_per_command, prior_mass)
-        segment, first = Segment(steps, step, every), draws.first_trial + group * LANES
-        brownian = Brownian(NOISES, seed, NOISE_STREAM, first, first_increment, increments)
-        if scheme == 0:
-            _runge_kutta(parameters, segment, brownian, state, states, observations, largest)
-        elif scheme == 1:
-            _euler_maruyama(parameters, segment, brownian, state, states, observations, largest)
-        else:
-            _semi_implicit_euler(parameters, segment, brownian, state, states, observations, largest)
-        final_state[:, lanes] = state
-        observed_maximum[:, lanes] = largest
+def largest(watched, state, command) -> Observed:
+    """The largest thrust and depth so far."""
+    now = observe(state, command)
+    # np.maximum keeps NaN, so a trial that went wrong in between shows it.
+    return Observed(np.maximum(watched.thrust, now.thrust), np.maximum(watched.depth, now.depth))
+
+
+def _flights(scheme):
+    """The flights with a continuous and with a held command; a flight is compiled when it is first flown."""
+    options = {"guide": command, "observe": observe, "watch": largest, "watch_steps": True, "noise": Thrust}
+    return tuple(Flight(rates_of, integrator=scheme, **options) for rates_of in (rates, held_rates))
+
+
+FLIGHTS = {
+    "rk4": _flights(runge_kutta_4),
+    "euler_maruyama": _flights(euler_maruyama),
+    "semi_implicit_euler": _flights(semi_implicit_euler(2)),
+}
+INTEGRATORS = tuple(FLIGHTS)
+
+
+def periods(control, steps_per_output):
+    """Guidance periods of a segment: those of held commands, or its steps."""
+    first = np.append(np.arange(0, control.steps, control.steps_per_command or 1), control.steps)
+    return Periods(first * control.step, np.full(len(first) - 1, control.step), np.diff(first), steps_per_output)
 
 
 def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator="rk4", widening=1.0):
@@ -239,27 +234,37 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         below the ground at any step flies on, as the paper's model does, and has the outcome CRASHED.
 
     """
-    counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
-    trajectories = new_trajectories(initial_states.T, sum(counts), OBSERVED)
-    state = trajectories.final_state
-    output, increment = 0, 0
-    for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
-        if output and widening != 1.0:
+    parts, flown, increment = [], initial_states.T, 0
+    for control, every in zip(schedules, steps_per_output, strict=True):
+        output_count(control.steps, every)
+        if parts and widening != 1.0:
+            state = flown.final_state
             state[:4] = control.mean[0, :, np.newaxis] * (1 - np.sqrt(widening)) + np.sqrt(widening) * state[:4]
-        outputs = Outputs(
-            state,
-            trajectories.history[output : output + count],
-            trajectories.observed[output : output + count],
-            trajectories.observed_maximum,
+        flown = FLIGHTS[integrator][control.steps_per_command > 0].fly(
+            Parameters(control, plant),
+            periods(control, every),
+            flown,
+            **draws._asdict(),
+            first_increment=increment,
+            streams=(NOISE_STREAM, NOISE_STREAM),
         )
-        pace = Segment(control.steps, control.step, every)
-        _fly_segment(INTEGRATORS.index(integrator), control, plant, pace, draws, increment, outputs)
-        output += count
+        if control.steps % (control.steps_per_command or 1) == 0:  # a command is renewed at the end, too
+            with np.errstate(over="ignore", invalid="ignore"):
+                end = State(*flown.final_state)
+                seen = np.array(observe(end, scheduled_thrust(2 * control.steps, end, control)))
+            flown.observed[-1] = seen
+            np.maximum(flown.observed_maximum, seen, out=flown.observed_maximum)
+        parts.append(flown)
         increment += control.steps * draws.increments
-    trajectories.outcome[trajectories.observed_maximum[DEPTH] > 0] = CRASHED
-    finite = np.isfinite(state).all(axis=0) & np.isfinite(trajectories.observed_maximum).all(axis=0)
-    trajectories.outcome[~finite] = NON_FINITE
-    return trajectories.first(len(initial_states))
+    finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
+    crashed = np.where(flown.observed_maximum[DEPTH] > 0, CRASHED, flown.outcome)
+    return replace(
+        flown,
+        history=np.concatenate([part.history for part in parts]),
+        observed=np.concatenate([part.observed for part in parts]),
+        outcome=np.where(finite, crashed, NON_FINITE).astype(np.int8),
+        length=sum(part.length for part in parts),
+    )
 
 
 def initial_states(start: Start, seed: int, trials: np.ndarray) -> np.ndarray:

@@ -4,58 +4,27 @@ Both are steered by the law of Eq. 8, whose control is constant on the intervals
 at all nodes so far.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from marsedl.compiling import jitable
 from marsedl.models.atmosphere import uniform_cells
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import Trajectories, new_trajectories
-from marsedl.montecarlo.integrators import runge_kutta_4
-from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.flights import Flight, Nothing, Schedule
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
-from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment
-from marsedl.papers.random_field.components import (
-    ALTITUDE,
-    BANK_COSINE,
-    CONTROL,
-    DENSITY_VARIATION,
-    DYNAMIC_PRESSURE,
-    FIELD,
-    FINAL,
-    FLIGHT_PATH_ANGLE,
-    FLOORED,
-    HISTORY,
-    POINT_HISTORY,
-    POINT_STATES,
-    POSITION,
-    RATE,
-    VELOCITY,
-)
+from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1
-
-# Aerocapture: the integrated state, and what is observed behind the commanded bank cosine.
-RADIUS, SPEED, PATH_ANGLE = range(3)
-STATES = 3
-BANK_MAGNITUDE = 1
-OBSERVED = 2
-
-# What `_look_up` finds, and the steps counted at whose start the density was at its floor.
-LOG_DENSITY, VARIATION, FLOOR_COUNT = range(3)
 LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
-
-_NUMBERS = (
-    *("gravitational_parameter", "planet_radius", "drag_factor", "lift_factor"),
-    *("bottom", "cells_per_metre", "field_bottom", "nodes_per_metre"),
-    *("density_floor", "variation_mean", "lower_limit", "upper_limit"),
-)
-_SETTINGS = np.dtype([(name, "f8") for name in _NUMBERS] + [("actual_density", "i8")])
 
 
 class Law(NamedTuple):
@@ -67,74 +36,63 @@ class Law(NamedTuple):
     reference: np.ndarray  # (N + 1, n), xbar
 
 
-class Density(NamedTuple):
-    """The density as kernels read it; fields as of `AirTables`, the mean as the cells of `uniform_cells`."""
+class Settings(NamedTuple):
+    """Constants of an aerocapture, SI."""
 
-    cells: np.ndarray
-    retention: np.ndarray
-    innovation_deviation: np.ndarray
-    top_deviation: float
-    mean: float
-    varied: bool  # or the mean density alone
-
-
-class Force(NamedTuple):
-    """The force on the double integrator: a root of its covariance on a uniform grid of positions."""
-
-    bottom: float  # position of the first node
-    nodes_per_unit: float
-    root: np.ndarray  # (nodes, normals)
-    mean: float
-    varied: bool  # or its mean alone
+    gravitational_parameter: float
+    planet_radius: float
+    drag_factor: float
+    lift_factor: float
+    bottom: float  # of the mean density's nodes
+    cells_per_metre: float
+    field_bottom: float  # of the variation's nodes
+    nodes_per_metre: float
+    density_floor: float
+    variation_mean: float
+    lower_limit: float  # of the bank cosine
+    upper_limit: float
+    actual_density: int  # whether the dynamic pressure is that of the density met, or of its mean
 
 
-class Schedule(NamedTuple):
-    """Integration steps of every interval (N,), their length, s, and how many of them lie between stored states."""
+class Tables(NamedTuple):
+    """The density on uniform grids of altitudes."""
 
-    steps: np.ndarray
-    time_step: float
-    every: int
+    cells: np.ndarray  # see `uniform_cells`: ln of the mean density
+    retention: np.ndarray  # (nodes,), what the variation keeps of that at the next node, 0 at the last
+    innovation: np.ndarray  # (nodes,), standard deviation of the rest
+
+
+Parameters = NamedTuple("Parameters", [*Settings.__annotations__.items(), *Tables.__annotations__.items()])
 
 
 class Plant(NamedTuple):
     """What flies an aerocapture, and through which air."""
 
-    settings: np.ndarray  # see `settings`
+    settings: Settings
     air: environment.AirTables
-
-
-class Stored(NamedTuple):
-    """What kernels fill, the trial last: arrays of `Trajectories` by their names there, shorter."""
-
-    history: np.ndarray
-    observed: np.ndarray
-    largest: np.ndarray  # observed_maximum
-    length: np.ndarray
-    final: np.ndarray  # final_state
 
 
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, tables):
-    """The constants of an aerocapture as a record that compiled code reads by name."""
+def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, tables) -> Settings:
+    """The constants of an aerocapture by name."""
     drag_factor = 0.5 / vehicle.ballistic_coefficient
-    values = {
-        "gravitational_parameter": planet.gravitational_parameter,
-        "planet_radius": planet.planet_radius,
-        "drag_factor": drag_factor,
-        "lift_factor": vehicle.lift_to_drag * drag_factor,
-        "bottom": tables.bottom,
-        "cells_per_metre": 1.0 / tables.spacing,
-        "field_bottom": tables.altitude[0],
-        "nodes_per_metre": 1.0 / _uniform_spacing(tables.altitude, "altitude"),
-        "density_floor": air.density_floor,
-        "variation_mean": tables.mean,
-        "lower_limit": vehicle.control_limits[0],
-        "upper_limit": vehicle.control_limits[1],
-        "actual_density": int(simulation.dynamic_pressure_density == "actual"),
-    }
-    return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
+    return Settings(
+        gravitational_parameter=planet.gravitational_parameter,
+        planet_radius=planet.planet_radius,
+        drag_factor=drag_factor,
+        lift_factor=vehicle.lift_to_drag * drag_factor,
+        bottom=tables.bottom,
+        cells_per_metre=1.0 / tables.spacing,
+        field_bottom=tables.altitude[0],
+        nodes_per_metre=1.0 / _uniform_spacing(tables.altitude, "altitude"),
+        density_floor=air.density_floor,
+        variation_mean=tables.mean,
+        lower_limit=vehicle.control_limits[0],
+        upper_limit=vehicle.control_limits[1],
+        actual_density=int(simulation.dynamic_pressure_density == "actual"),
+    )
 
 
 def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation) -> Plant:
@@ -143,7 +101,7 @@ def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation)
     return Plant(settings(planet, air, vehicle, simulation, tables), tables)
 
 
-def open_loop(start, control, states=STATES) -> Law:
+def open_loop(start, control, states=3) -> Law:
     """The law without feedback: V alone on the partition `start`."""
     start, control = np.asarray(start, dtype=float), np.asarray(control, dtype=float)
     return Law(start, control, np.zeros((len(control), len(start), states)), np.zeros((len(start), states)))
@@ -182,10 +140,15 @@ def outputs(law, every, time_step):
     return np.concatenate([*parts, law.start[-1:]])
 
 
+def _schedule(law, every, time_step):
+    """The guidance periods of a law: the intervals of its partition, which need not be equal."""
+    steps = _interval_steps(law, every, time_step)
+    return Schedule(np.asarray(law.start, dtype=float), np.full(len(steps), float(time_step)), steps, int(every))
+
+
 def _checked_law(law, states):
     """The law in arrays to compile for, whatever they were; ValueError on shapes."""
     nodes = len(law.start)
-    # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
     checked = Law(*(np.array(part, dtype=float, order="C") for part in law))
     expected = (nodes - 1,), (nodes - 1, nodes, states), (nodes, states)
     shapes = checked.control.shape, checked.gain.shape, checked.reference.shape
@@ -221,208 +184,196 @@ def _checked_process(air):
     return retention, deviation
 
 
-# ---- the law, compiled -----------------------------------------------------------------------------------------------
+# ---- aerocapture: the model of one trial -----------------------------------------------------------------------------
 
 
-@inline_njit
-def _command(interval, law, state, deviation, command):
-    """Control of Eq. 8 at the start of an interval, command (LANES,); keeps the deviation there for later ones."""
-    control, gain, reference = law.control, law.gain, law.reference
-    states = state.shape[0]
-    for row in range(states):
-        for lane in range(LANES):
-            deviation[interval * states + row, lane] = state[row, lane] - reference[interval, row]
-    for lane in range(LANES):
-        command[lane] = control[interval]
-    for node in range(interval + 1):
-        for row in range(states):
-            factor = gain[interval, node, row]
-            for lane in range(LANES):
-                command[lane] += factor * deviation[node * states + row, lane]
+class State(NamedTuple):
+    """What is integrated, SI and rad."""
+
+    radius: float
+    velocity: float
+    path_angle: float
 
 
-# ---- aerocapture -----------------------------------------------------------------------------------------------------
+class Density(NamedTuple):
+    """ln of the mean density (kg/m^3), and its relative variation."""
+
+    log_mean: float
+    variation: float
 
 
-@inline_njit
-def _look_up(altitude, lane, air, constants):
-    """ln of the mean density, and its variation, linear between the nodes of the field and held beyond."""
-    cells, variation = air
-    # Before the first node and behind the last there is a cell more.
-    position = (altitude - constants.bottom) * constants.cells_per_metre + 1.0
-    last = np.float64(cells.shape[0] - 1)
-    inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
-    inside = inside if inside < last else last
-    cell = np.int32(inside)
-    fraction = position - cell
-    log_density = cells[cell, 0] + fraction * (cells[cell, 1] + fraction * (cells[cell, 2] + fraction * cells[cell, 3]))
+class Variation(NamedTuple):
+    """The variation's random part while it is drawn."""
 
-    position = (altitude - constants.field_bottom) * constants.nodes_per_metre
-    last = np.float64(variation.shape[0] - 1)
-    position = position if position > 0.0 else 0.0
+    process: float
+
+
+class Bank(NamedTuple):
+    """Bank cosine, before its limits and within them."""
+
+    commanded: float
+    flown: float
+
+
+class Watched(NamedTuple):
+    """Largest command and magnitude of it; steps at whose start the density was at its floor."""
+
+    command: float = -np.inf
+    magnitude: float = -np.inf
+    floored: float = 0.0
+
+
+class Observed(NamedTuple):
+    """The bank cosine commanded, and its magnitude."""
+
+    command: float
+    magnitude: float
+
+
+class Row(NamedTuple):
+    """What is stored over time, SI and rad."""
+
+    altitude: float
+    velocity: float
+    path_angle: float
+    variation: float
+    dynamic_pressure: float
+    bank_cosine: float
+
+
+class Final(NamedTuple):
+    """The end of a flight, SI and rad, and the number of steps at whose start the density was at its floor."""
+
+    altitude: float
+    velocity: float
+    path_angle: float
+    floored: float
+
+
+def vary(node, normal, drawn, p) -> tuple[float, Variation]:
+    """Density variations, down from the top node."""
+    process = p.retention[node] * drawn.process + p.innovation[node] * normal
+    return process + p.variation_mean, Variation(process)
+
+
+@jitable
+def _node(position, nodes):
+    """Node of a uniform table below a position, and the fraction of the way to the next; held beyond the table."""
+    last = np.float64(nodes - 1)
+    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
     position = position if position < last else last
     node = np.int32(position)
-    node = node if node < variation.shape[0] - 1 else np.int32(variation.shape[0] - 2)
-    fraction = position - node
-    below = variation[node, lane]
-    return log_density, below + fraction * (variation[node + 1, lane] - below)
+    node = node if node < nodes - 1 else np.int32(nodes - 2)
+    return node, position - node
 
 
-@inline_njit
+def look_up(state, air, p) -> Density:
+    """ln of the mean density, and its variation, linear between the nodes of the field and held beyond."""
+    altitude = state.radius - p.planet_radius
+    # Before the first node and behind the last there is a cell more.
+    position = (altitude - p.bottom) * p.cells_per_metre + 1.0
+    last = np.float64(p.cells.shape[0] - 1)
+    inside = position if position > 0.0 else 0.0
+    inside = inside if inside < last else last
+    cell = np.int32(inside)
+    fraction, c = position - cell, p.cells[cell]
+    log_mean = c[0] + fraction * (c[1] + fraction * (c[2] + fraction * c[3]))
+    node, fraction = _node((altitude - p.field_bottom) * p.nodes_per_metre, air.shape[0])
+    return Density(log_mean, air[node] + fraction * (air[node + 1] - air[node]))
+
+
+@jitable
 def _mean_density(log_density):
     log_density = LEAST_LOG_DENSITY if log_density < LEAST_LOG_DENSITY else log_density  # NaN stays NaN
-    log_density = LARGEST_LOG_DENSITY if log_density > LARGEST_LOG_DENSITY else log_density
-    return exponential(log_density)
+    return exponential(LARGEST_LOG_DENSITY if log_density > LARGEST_LOG_DENSITY else log_density)
 
 
-@inline_njit
-def _drift(half_index, state, noise, parameters, out):
-    air, bank_cosine, looked_up, constants = parameters
-    # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
-    for lane in range(LANES):
-        looked_up[LOG_DENSITY, lane], looked_up[VARIATION, lane] = _look_up(
-            state[RADIUS, lane] - constants.planet_radius, lane, air, constants
-        )
-    if half_index == 0:  # the step's start
-        for lane in range(LANES):
-            looked_up[FLOOR_COUNT, lane] += is_floored(looked_up[VARIATION, lane], constants.density_floor)
-    for lane in range(LANES):
-        sin_path, cos_path = sine_cosine(state[PATH_ANGLE, lane])
-        density = _mean_density(looked_up[LOG_DENSITY, lane]) * density_factor(
-            looked_up[VARIATION, lane], constants.density_floor
-        )
-        out[RADIUS, lane], out[SPEED, lane], out[PATH_ANGLE, lane] = planar_entry_rates_from_sines(
-            state[RADIUS, lane],
-            state[SPEED, lane],
+def rates(state, found, command, p) -> State:
+    """Eq. 71 in the density of Eq. 72."""
+    sin_path, cos_path = sine_cosine(state.path_angle)
+    density = _mean_density(found.log_mean) * density_factor(found.variation, p.density_floor)
+    return State(
+        *planar_entry_rates_from_sines(
+            state.radius,
+            state.velocity,
             sin_path,
             cos_path,
-            bank_cosine[0, lane],
+            command.flown,
             density,
-            constants.drag_factor,
-            constants.lift_factor,
-            constants.gravitational_parameter,
+            p.drag_factor,
+            p.lift_factor,
+            p.gravitational_parameter,
         )
-
-
-_advance = runge_kutta_4(_drift)
-
-
-@njit(error_model="numpy")
-def _sample_variations(density, seed, first_trial, variation):
-    """Density variations of a group, variation (nodes, LANES), down from the top node, one normal a node."""
-    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    normal_numbers = lane_array(NORMALS_PER_BLOCK)
-    process = lane_array(1)
-    top = variation.shape[0] - 1
-    for lane in range(LANES):
-        process[0, lane] = 0.0
-    for number in range(top + 1):
-        position, node = number % NORMALS_PER_BLOCK, top - number
-        if position == 0:
-            fill_normals(seed, FIELD_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, normal_numbers)
-        keep = density.retention[node] if number > 0 else 0.0
-        fresh = density.innovation_deviation[node] if number > 0 else density.top_deviation
-        for lane in range(LANES):
-            process[0, lane] = keep * process[0, lane] + fresh * normal_numbers[position, lane]
-            variation[node, lane] = process[0, lane] + density.mean
-
-
-@njit(error_model="numpy")
-def _record(row, state, command, parameters, history, observed):
-    air, _, looked_up, constants = parameters
-    for lane in range(LANES):
-        looked_up[LOG_DENSITY, lane], looked_up[VARIATION, lane] = _look_up(
-            state[RADIUS, lane] - constants.planet_radius, lane, air, constants
-        )
-    for lane in range(LANES):
-        met = looked_up[VARIATION, lane] if constants.actual_density else constants.variation_mean
-        density = _mean_density(looked_up[LOG_DENSITY, lane]) * density_factor(met, constants.density_floor)
-        history[row, ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
-        history[row, VELOCITY, lane] = state[SPEED, lane]
-        history[row, FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
-        history[row, DENSITY_VARIATION, lane] = looked_up[VARIATION, lane]
-        history[row, DYNAMIC_PRESSURE, lane] = 0.5 * density * state[SPEED, lane] * state[SPEED, lane]
-        history[row, BANK_COSINE, lane] = command[lane]
-        observed[row, 0, lane] = command[lane]
-        observed[row, BANK_MAGNITUDE, lane] = abs(command[lane])
-
-
-@inline_njit
-def _finish(lane, state, looked_up, constants, final):
-    final[ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
-    final[VELOCITY, lane] = state[SPEED, lane]
-    final[FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
-    final[FLOORED, lane] = looked_up[FLOOR_COUNT, lane]
-
-
-@njit(error_model="numpy")
-def _fly_group(settings, density, law, schedule, seed, first_trial, initial_state, stored):
-    """Fly LANES trials. initial_state: (3, LANES); `stored` is filled."""
-    constants, (steps, time_step, every) = settings[0], schedule
-    history, observed, largest, length, final = stored
-    variation = np.full((len(density.retention) + 1, LANES), density.mean)
-    if density.varied:
-        _sample_variations(density, seed, first_trial, variation)
-    air = (density.cells, variation)
-    bank_cosine, looked_up = lane_array(1), lane_array(3)
-    parameters = (air, bank_cosine, looked_up, constants)
-
-    state = lane_array(STATES)
-    for row in range(STATES):
-        for lane in range(LANES):
-            state[row, lane] = initial_state[row, lane]
-    work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
-    noise = lane_array(0)
-    command, flying = np.empty(LANES), np.ones(LANES, np.bool_)
-    deviation = np.empty((len(steps) * STATES, LANES))
-    for lane in range(LANES):
-        looked_up[FLOOR_COUNT, lane] = 0.0
-    remaining, row = LANES, 0
-    for interval in range(len(steps)):
-        _command(interval, law, state, deviation, command)
-        for lane in range(LANES):
-            if flying[lane]:
-                # np.maximum keeps NaN, so a trial that went wrong shows it.
-                largest[0, lane] = np.maximum(largest[0, lane], command[lane])
-                largest[BANK_MAGNITUDE, lane] = np.maximum(largest[BANK_MAGNITUDE, lane], abs(command[lane]))
-            limited = constants.lower_limit if command[lane] < constants.lower_limit else command[lane]
-            bank_cosine[0, lane] = constants.upper_limit if limited > constants.upper_limit else limited
-        for step in range(steps[interval]):
-            if step % every == 0:
-                _record(row, state, command, parameters, history, observed)
-                row += 1
-            _advance(0, time_step, state, noise, parameters, work)
-            for lane in range(LANES):
-                if flying[lane] and state[RADIUS, lane] < constants.planet_radius:
-                    _finish(lane, state, looked_up, constants, final)
-                    length[lane] = row
-                    flying[lane] = False
-                    remaining -= 1
-            if remaining == 0:
-                return
-    _record(row, state, command, parameters, history, observed)
-    for lane in range(LANES):
-        if flying[lane]:
-            _finish(lane, state, looked_up, constants, final)
-
-
-@inline_njit
-def _lanes_of(stored, lanes):
-    return Stored(
-        stored.history[:, :, lanes],
-        stored.observed[:, :, lanes],
-        stored.largest[:, lanes],
-        stored.length[lanes],
-        stored.final[:, lanes],
     )
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def _fly(settings, density, law, schedule, seed, first_trial, initial_state, stored):
-    for group in prange(initial_state.shape[1] // LANES):
-        lanes = slice(group * LANES, (group + 1) * LANES)
-        first = first_trial + group * LANES
-        _fly_group(settings, density, law, schedule, seed, first, initial_state[:, lanes], _lanes_of(stored, lanes))
+@jitable
+def _control(cycle, past, law):
+    """Control of Eq. 8 at the start of an interval, from the deviations at all nodes so far, n a node."""
+    states = law.reference.shape[1]
+    control = law.control[cycle]
+    for node in range(cycle + 1):
+        for row in range(states):
+            control += law.gain[cycle, node, row] * past[node * states + row]
+    return control
+
+
+def guide(cycle, state, past, law, p) -> tuple[Bank, Nothing]:
+    """Bank cosine of an interval (Eq. 8), within its limits; keeps the deviation for later ones."""
+    past[3 * cycle] = state.radius - law.reference[cycle, 0]
+    past[3 * cycle + 1] = state.velocity - law.reference[cycle, 1]
+    past[3 * cycle + 2] = state.path_angle - law.reference[cycle, 2]
+    command = _control(cycle, past, law)
+    limited = p.lower_limit if command < p.lower_limit else command
+    return Bank(command, p.upper_limit if limited > p.upper_limit else limited), ()
+
+
+def ended(state, p) -> bool:
+    """Whether the trial is below the ground."""
+    return state.radius < p.planet_radius
+
+
+def watch(watched, ending, found, command, p) -> Watched:
+    """Largest commands, and the steps at whose start the density was at its floor."""
+    # np.maximum keeps NaN, so a trial that went wrong shows it.
+    return Watched(
+        np.maximum(watched.command, command.commanded),
+        np.maximum(watched.magnitude, abs(command.commanded)),
+        watched.floored + (0.0 if ending > 0.0 else 1.0 * is_floored(found.variation, p.density_floor)),
+    )
+
+
+def observe(command) -> Observed:
+    """The command of the interval that begins or goes on."""
+    return Observed(command.commanded, abs(command.commanded))
+
+
+def store(state, found, command, p) -> Row:
+    """The history; see `fly`."""
+    met = found.variation if p.actual_density else p.variation_mean
+    density = _mean_density(found.log_mean) * density_factor(met, p.density_floor)
+    pressure = 0.5 * density * state.velocity * state.velocity
+    altitude = state.radius - p.planet_radius
+    return Row(altitude, state.velocity, state.path_angle, found.variation, pressure, command.commanded)
+
+
+def finish(state, watched, p) -> Final:
+    """The end of a flight; see `fly`."""
+    return Final(state.radius - p.planet_radius, state.velocity, state.path_angle, watched.floored)
+
+
+AEROCAPTURE = Flight(
+    rates,
+    look_up=look_up,
+    vary=vary,
+    guide=guide,
+    ended=ended,
+    watch=watch,
+    watch_steps=True,
+    store=store,
+    observe=observe,
+    finish=finish,
+)
 
 
 def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, varied=True, every=1) -> Trajectories:
@@ -442,22 +393,31 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     Raises ValueError for shapes that do not fit, grids that are not uniform, an interval that is no whole number of
     steps, or `every` that does not divide it.
     """
-    schedule = Schedule(_interval_steps(law, every, time_step), float(time_step), int(every))
-    law, states = _checked_law(law, STATES), _checked_states(initial_states, STATES)
-    cells = uniform_cells(air.log_density, air.log_density_slope, air.spacing)
-    density = Density(cells, *_checked_process(air), float(air.top_deviation), float(air.mean), varied)
-    times = int(schedule.steps.sum()) // every + 1
-    start = new_trajectories(states.T, times, OBSERVED)
-    padded = start.final_state.shape[1]
-    history, final = np.empty((times, HISTORY, padded)), np.empty((FINAL, padded))
-    stored = Stored(history, start.observed, start.observed_maximum, start.length, final)
-    _fly(settings, density, law, schedule, seed, first_trial, start.final_state, stored)
-    trajectories = Trajectories(
-        history, start.observed, start.observed_maximum, final, start.outcome, start.length
-    ).first(len(states))
+    schedule = _schedule(law, every, time_step)
+    law, states = _checked_law(law, 3), _checked_states(initial_states, 3)
+    retention, deviation = _checked_process(air)
+    tables = Tables(
+        uniform_cells(air.log_density, air.log_density_slope, air.spacing),
+        np.append(retention, 0.0),
+        np.append(deviation, float(air.top_deviation)),
+    )
+    nodes = len(retention) + 1
+    trajectories = AEROCAPTURE.fly(
+        Parameters(*settings, *tables),
+        schedule,
+        State(*states.T),
+        law=law,
+        seed=seed,
+        first_trial=first_trial,
+        nodes=nodes,
+        air=None if varied else np.full((nodes, len(states)), float(air.mean)),
+        streams=(INITIAL_STREAM, FIELD_STREAM),
+        past=3 * len(law.control),
+    )
+    trajectories = replace(trajectories, observed_maximum=trajectories.observed_maximum[:2])
     trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
     trajectories.outcome[~_finite(trajectories)] = NON_FINITE
-    ended = np.arange(times)[:, np.newaxis, np.newaxis] >= trajectories.length
+    ended = np.arange(len(trajectories.history))[:, np.newaxis, np.newaxis] >= trajectories.length
     for stored in (trajectories.history, trajectories.observed):
         np.copyto(stored, np.nan, where=ended)
     return trajectories
@@ -482,122 +442,115 @@ def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
     if crash < len(time):
         states[crash] = trajectories.final_state[: FLIGHT_PATH_ANGLE + 1, 0]
         steps = np.append(steps[steps < crash], crash)
-    states[:, ALTITUDE] += settings["planet_radius"][0]
+    states[:, ALTITUDE] += settings.planet_radius
     return time[steps], states[steps]
 
 
-# ---- double integrator -----------------------------------------------------------------------------------------------
+# ---- double integrator: the model of one trial -----------------------------------------------------------------------
 
 
-@inline_njit
-def _field_at(position, lane, field):
+class Point(NamedTuple):
+    """What is integrated."""
+
+    position: float
+    rate: float
+
+
+class Force(NamedTuple):
+    """The field on a uniform grid of positions."""
+
+    bottom: float  # position of the first node
+    nodes_per_unit: float
+    mean: float
+
+
+class Field(NamedTuple):
+    """The field at the position."""
+
+    value: float
+
+
+class Control(NamedTuple):
+    """The control of an interval."""
+
+    value: float
+
+
+class PointRow(NamedTuple):
+    """What is stored over time."""
+
+    position: float
+    rate: float
+    field: float
+    control: float
+
+
+class LargestControl(NamedTuple):
+    """Largest control of all intervals."""
+
+    control: float = -np.inf
+
+
+@jitable
+def _slope(air, node):
+    """Slope per cell at a node of the field, by finite differences."""
+    before, after = max(node - 1, 0), min(node + 1, air.shape[0] - 1)
+    return (air[after] - air[before]) / (after - before)
+
+
+def field_at(state, air, p) -> Field:
     """The field by cubic Hermite polynomials with finite-difference slopes, held constant beyond its grid."""
-    value, slope, bottom, nodes_per_unit = field
-    position = (position - bottom) * nodes_per_unit
-    last = np.float64(value.shape[0] - 1)
-    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
-    position = position if position < last else last
-    node = np.int32(position)
-    node = node if node < value.shape[0] - 1 else np.int32(value.shape[0] - 2)
-    fraction = position - node
-    rise = value[node + 1, lane] - value[node, lane]
-    first, second = slope[node, lane], slope[node + 1, lane]
+    node, fraction = _node((state.position - p.bottom) * p.nodes_per_unit, air.shape[0])
+    value, following = air[node] + p.mean, air[node + 1] + p.mean
+    rise, first, second = following - value, _slope(air, node), _slope(air, node + 1)
     curved = 3.0 * rise - 2.0 * first - second + fraction * (first + second - 2.0 * rise)
-    return value[node, lane] + fraction * (first + fraction * curved)
+    return Field(value + fraction * (first + fraction * curved))
 
 
-@inline_njit
-def _point_drift(half_index, state, noise, parameters, out):
-    field, command = parameters
-    for lane in range(LANES):
-        out[POSITION, lane] = state[RATE, lane]
-        out[RATE, lane] = command[lane] + _field_at(state[POSITION, lane], lane, field)
+def point_rates(state, found, command) -> Point:
+    """Eq. 57."""
+    return Point(state.rate, command.value + found.value)
 
 
-_advance_point = runge_kutta_4(_point_drift)
+def guide_point(cycle, state, past, law) -> tuple[Control, Nothing]:
+    """Control of an interval (Eq. 8); keeps the deviation for later ones."""
+    past[2 * cycle] = state.position - law.reference[cycle, 0]
+    past[2 * cycle + 1] = state.rate - law.reference[cycle, 1]
+    return Control(_control(cycle, past, law)), ()
 
 
-@njit(error_model="numpy")
-def _sample_field(root, seed, first_trial, value, slope):
-    """Samples root z of a group and their slopes per cell, value and slope (nodes, LANES).
+def watch_point(watched, command) -> LargestControl:
+    """Largest control."""
+    return LargestControl(np.maximum(watched.control, command.value))
 
-    The sum runs in the order of the normals: matrix products of the library depend on how many trials are multiplied.
+
+def observe_point(command) -> Control:
+    """The control of the interval that begins or goes on."""
+    return command
+
+
+def store_point(state, found, command) -> PointRow:
+    """The history; see `fly_double_integrator`."""
+    return PointRow(state.position, state.rate, found.value, command.value)
+
+
+DOUBLE_INTEGRATOR = Flight(
+    point_rates, look_up=field_at, guide=guide_point, watch=watch_point, store=store_point, observe=observe_point
+)
+
+
+@njit(error_model="numpy", cache=True)
+def _combined(root, drawn):
+    """Root times drawn normals, (nodes, trials), summed in the order of the normals.
+
+    Matrix products of the library depend on how many trials are multiplied.
     """
-    nodes, count = root.shape
-    blocks = -(-count // NORMALS_PER_BLOCK)
-    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    normal_numbers = np.empty((blocks * NORMALS_PER_BLOCK, LANES))
-    for block in range(blocks):
-        four = normal_numbers[block * NORMALS_PER_BLOCK : (block + 1) * NORMALS_PER_BLOCK]
-        fill_normals(seed, FIELD_STREAM, first_trial, block, bits, four)
-    total = lane_array(1)
-    for node in range(nodes):
-        for lane in range(LANES):
-            total[0, lane] = 0.0
-        for number in range(count):
-            factor = root[node, number]
-            for lane in range(LANES):
-                total[0, lane] += factor * normal_numbers[number, lane]
-        for lane in range(LANES):
-            value[node, lane] = total[0, lane]
-    for node in range(nodes):
-        before, after = max(node - 1, 0), min(node + 1, nodes - 1)
-        for lane in range(LANES):
-            slope[node, lane] = (value[after, lane] - value[before, lane]) / (after - before)
-
-
-@njit(error_model="numpy")
-def _record_point(row, state, parameters, history, observed):
-    field, command = parameters
-    for lane in range(LANES):
-        history[row, POSITION, lane] = state[POSITION, lane]
-        history[row, RATE, lane] = state[RATE, lane]
-        history[row, FIELD, lane] = _field_at(state[POSITION, lane], lane, field)
-        history[row, CONTROL, lane] = command[lane]
-        observed[row, 0, lane] = command[lane]
-
-
-@njit(error_model="numpy")
-def _fly_points(force, law, schedule, seed, first_trial, stored):
-    """Fly LANES trials; `stored` is filled, its final states are the initial ones before."""
-    bottom, nodes_per_unit, root, mean, varied = force
-    steps, time_step, every = schedule
-    history, observed, largest, _, final = stored
-    value, slope = np.zeros((len(root), LANES)), np.zeros((len(root), LANES))
-    if varied:
-        _sample_field(root, seed, first_trial, value, slope)
-    for node in range(len(root)):
-        for lane in range(LANES):
-            value[node, lane] += mean
-    command = np.empty(LANES)
-    parameters = ((value, slope, bottom, nodes_per_unit), command)
-    state, noise = lane_array(POINT_STATES), lane_array(0)
-    work = (lane_array(POINT_STATES), lane_array(POINT_STATES), lane_array(POINT_STATES))
-    deviation = np.empty((len(steps) * POINT_STATES, LANES))
-    for component in range(POINT_STATES):
-        for lane in range(LANES):
-            state[component, lane] = final[component, lane]
-    row = 0
-    for interval in range(len(steps)):
-        _command(interval, law, state, deviation, command)
-        for lane in range(LANES):
-            largest[0, lane] = np.maximum(largest[0, lane], command[lane])
-        for step in range(steps[interval]):
-            if step % every == 0:
-                _record_point(row, state, parameters, history, observed)
-                row += 1
-            _advance_point(0, time_step, state, noise, parameters, work)
-    _record_point(row, state, parameters, history, observed)
-    for component in range(POINT_STATES):
-        for lane in range(LANES):
-            final[component, lane] = state[component, lane]
-
-
-@njit(parallel=True, cache=True, error_model="numpy")
-def _fly_double_integrator(force, law, schedule, seed, first_trial, stored):
-    for group in prange(stored.final.shape[1] // LANES):
-        lanes = slice(group * LANES, (group + 1) * LANES)
-        _fly_points(force, law, schedule, seed, first_trial + group * LANES, _lanes_of(stored, lanes))
+    total = np.zeros((root.shape[0], drawn.shape[1]))
+    for node in range(root.shape[0]):
+        for number in range(root.shape[1]):
+            for trial in range(drawn.shape[1]):
+                total[node, trial] += root[node, number] * drawn[number, trial]
+    return total
 
 
 def fly_double_integrator(
@@ -614,20 +567,21 @@ def fly_double_integrator(
 
     Raises ValueError as `fly`.
     """
-    schedule = Schedule(_interval_steps(law, every, time_step), float(time_step), int(every))
-    law, states = _checked_law(law, POINT_STATES), _checked_states(initial_states, POINT_STATES)
+    schedule = _schedule(law, every, time_step)
+    law, states = _checked_law(law, 2), _checked_states(initial_states, 2)
     spacing = _uniform_spacing(field_grid, "field_grid")
     root = np.array(field_root, dtype=float, order="C")
     if root.ndim != 2 or len(root) != len(field_grid):
         raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
-    times = int(schedule.steps.sum()) // every + 1
-    start = new_trajectories(states.T, times, 1)
-    history = np.empty((times, POINT_HISTORY, start.final_state.shape[1]))
-    force = Force(float(field_grid[0]), 1.0 / spacing, root, float(mean), varied)
-    stored = Stored(history, start.observed, start.observed_maximum, start.length, start.final_state)
-    _fly_double_integrator(force, law, schedule, seed, first_trial, stored)
-    trajectories = Trajectories(
-        history, start.observed, start.observed_maximum, start.final_state, start.outcome, start.length
-    ).first(len(states))
+    trials = np.arange(first_trial, first_trial + len(states))
+    fields = np.ascontiguousarray(normals(seed, FIELD_STREAM, trials, root.shape[1]).T)
+    trajectories = DOUBLE_INTEGRATOR.fly(
+        Force(float(field_grid[0]), 1.0 / spacing, float(mean)),
+        schedule,
+        Point(*states.T),
+        law=law,
+        air=_combined(root, fields) if varied else np.zeros((len(root), len(states))),
+        past=2 * len(law.control),
+    )
     trajectories.outcome[~_finite(trajectories)] = NON_FINITE
     return trajectories

@@ -269,7 +269,7 @@ class Observed(NamedTuple):
     change: float
 
 
-class Stored(NamedTuple):
+class Row(NamedTuple):
     """What is stored over time: the rows of the history, and then the place."""
 
     altitude: float
@@ -464,9 +464,9 @@ def observe(guided, memory) -> Observed:
     return Observed(memory.bank, memory.change if guided > 0.0 else 0.0)
 
 
-def store(state, sensed, memory, p) -> Stored:
+def store(state, sensed, memory, p) -> Row:
     """The history and the place; see `fly`."""
-    return Stored(
+    return Row(
         sensed.radius - p.planet_radius,
         sensed.velocity,
         sensed.path_angle,
@@ -515,14 +515,14 @@ FLIGHT = Flight(
 # ---- flights ---------------------------------------------------------------------------------------------------------
 
 
-class Storing(NamedTuple):
+class Stored(NamedTuple):
     """What of a flight is stored."""
 
     every: int | None = None  # integration steps from one stored state to the next; None: a guidance period
     place: bool = False  # whether longitude, latitude and azimuth (rad) are, too, behind the rest of the history
 
 
-EVERY_PERIOD = Storing()
+EVERY_PERIOD = Stored()
 
 
 def fly(

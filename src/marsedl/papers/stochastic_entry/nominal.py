@@ -61,7 +61,7 @@ def compute(
             end_time=end_time,
             substeps=simulation.nominal_substeps,
             seed=0,  # of which still air draws nothing
-            stored=flight.Storing(every, place=True),
+            stored=flight.Stored(every, place=True),
         )
 
     first = fly("velocity", mission.time_limit, simulation.nominal_substeps)
