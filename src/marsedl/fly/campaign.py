@@ -43,9 +43,9 @@ class Campaign:
         """Pickle what was declared, which another process binds again."""
         return Campaign, self.declared
 
-    def flight(self, compiles=True):
+    def flight(self):
         """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.trigger, compiles)
+        return laws.completed(self.model.flight, self.law.kind, self.trigger)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -69,12 +69,8 @@ class Campaign:
         options = {"vehicle": vehicle, "law": self.law.parameters, "nodes": self.model.nodes, "seed": self.seed}
         options |= {"first_trial": trials[0], "streams": (NOISE, AIR)}
         if in_python:
-            return self.flight(compiles=False).fly_in_python(*arguments, trial=trials[0], **options)
-        try:
-            return self.flight().fly(*arguments, **options)
-        except TypeError:
-            self.fly(trials[:1], every, in_python=True)  # whose error, if any, names the line of the law
-            raise
+            return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
+        return self.flight().fly(*arguments, **options)
 
     def outcomes(self, flown):
         """Outcome of every flight, by name."""

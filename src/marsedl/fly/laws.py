@@ -8,6 +8,7 @@ from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
+from marsedl.compiling import jitable
 from marsedl.fly.declared import nearest, resolve
 from marsedl.fly.vehicles import parts_of
 
@@ -247,15 +248,14 @@ def extended(kind):
 
 
 @lru_cache(64)
-def completed(flight, law, trigger, compiles):
+def completed(flight, law, trigger):
     """The flight with its law and trigger, which stores what laws are told and command, and the time of its end.
 
     Args:
         flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
-        compiles: whether the flight is to be compiled, or to fly in Python.
+
     """
     from marsedl.montecarlo.flights import Flight, Nothing
-    from marsedl.montecarlo.lanes import inline_njit
 
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
     parts.setdefault("sense", _made("(state):\n    return state", told))
@@ -274,8 +274,7 @@ def completed(flight, law, trigger, compiles):
             needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
             star = "*" if len(command._fields) > 1 else ""
             text = f"({needed}):\n    return Command({star}law_of_user({arguments})), ()"
-            called = inline_njit(function) if compiles else function
-            parts["guide"] = _made(text, returns, function, Command=command, law_of_user=called)
+            parts["guide"] = _made(text, returns, function, Command=command, law_of_user=jitable(function))
     if trigger is not None:
         terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
         falls = f"(state, p):\n    return {' + '.join(terms)} - p.end.value"
