@@ -253,7 +253,6 @@ def completed(flight, law, trigger):
 
     Args:
         flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
-
     """
     from marsedl.montecarlo.flights import Flight, Nothing
 
