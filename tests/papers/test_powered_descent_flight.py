@@ -229,10 +229,10 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
         np.testing.assert_array_equal(alone.history[..., 0], ensemble.kept_history[trial])
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
     records = {"nominal": pipeline.nominal(), "gains": gains}
-    text = inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, ensemble))
+    text = inputs.replay(montecarlo, **records, trial=Trial("closed_loop", trial, ensemble))
     assert "the same to the last bit" in text and f"trial {trial} of closed_loop: completed" in text
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, other))
+    assert "DIFFERS" in inputs.replay(montecarlo, **records, trial=Trial("closed_loop", trial, other))
 
 
 @pytest.mark.parametrize(("time_step", "output_interval"), [(0.3, 0.7), (1.0, 0.5), (0.07, 3.0)])
@@ -283,7 +283,7 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     for name in ("mean", "covariance", "observed_mean", "histogram", "maximum_over_trials"):
         np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
     assert not np.isfinite(both.final_state[200:]).all(axis=1).any()
-    trial = inputs.call(montecarlo.replay, nominal=nominal, gains=absurd(gains), trial=Trial("closed_loop", 3))
+    trial = inputs.replay(montecarlo, nominal=nominal, gains=absurd(gains), trial=Trial("closed_loop", 3))
     assert "trial 3 of closed_loop: not finite" in trial
 
 

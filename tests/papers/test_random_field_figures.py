@@ -11,7 +11,7 @@ from matplotlib.colors import same_color
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
-from marsedl.papers.random_field import environment, figures, flight
+from marsedl.papers.random_field import components, environment, figures
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, VARIANTS, Convergence
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
@@ -305,8 +305,8 @@ def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, 
     # Commands hold for an interval; stars are their mean and three standard deviations before the limits.
     control = panels[-1]
     stars = [line for line in control.lines if line.get_marker() == "*" and len(line.get_xdata())]
-    mean = ensemble.mean[number, nodes[:-1], flight.BANK_COSINE]
-    deviation = np.sqrt(ensemble.covariance[number, nodes[:-1], flight.BANK_COSINE, flight.BANK_COSINE])
+    mean = ensemble.mean[number, nodes[:-1], components.BANK_COSINE]
+    deviation = np.sqrt(ensemble.covariance[number, nodes[:-1], components.BANK_COSINE, components.BANK_COSINE])
     for sign, line in zip((-1, 0, 1), stars, strict=True):
         np.testing.assert_array_equal(line.get_xdata(), gains.partition[:-1])
         np.testing.assert_allclose(line.get_ydata(), mean + sign * 3 * deviation)
@@ -321,8 +321,8 @@ def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(dra
     for axes, number in zip(draw("fig16").axes, (0, LAWS - 1), strict=True):
         trials = curves(axes, GREY, least=50)
         for line, trial in zip(trials, ensemble.kept_history[number], strict=True):
-            density = np.exp(profile(trial[:, flight.ALTITUDE])[0])
-            np.testing.assert_allclose(line.get_ydata(), density * trial[:, flight.VELOCITY] ** 2 / 2e3, rtol=1e-6)
+            density = np.exp(profile(trial[:, components.ALTITUDE])[0])
+            np.testing.assert_allclose(line.get_ydata(), density * trial[:, components.VELOCITY] ** 2 / 2e3, rtol=1e-6)
         nominal = axes.lines[-1]
         assert same_color(nominal.get_color(), BLACK) and len(nominal.get_xdata()) == len(ensemble.time)
         lower, upper = curves(axes, BLUE, "--", least=50)

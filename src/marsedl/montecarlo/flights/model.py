@@ -213,12 +213,14 @@ class Flight:
         memory = self.parts["memory"]() if memory is None else memory
         earlier = start if isinstance(start, Trajectories) else None
         start = earlier.final_state if earlier else start
-        given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
+        given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air[:1]})}
         width = width_of(given, trials)
         start, vehicle = (pad_to_groups(table_of(parts, width)) for parts in (start, vehicle))
         if not earlier:
             check_start(start, self.parts["state"], first_trial)
-        air = np.empty((0, start.shape[1])) if air is None else pad_to_groups(air)
+        if air is None:
+            air = np.empty((0, start.shape[1]))
+        air = pad_to_groups(air) if np.shape(air)[1] % LANES else np.require(air, float, ["C", "W"])
         vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
         kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
         padded, times = start.shape[1], len(schedule.times)

@@ -8,7 +8,6 @@ from marsedl.methods.guidance.targeting import targeting
 from marsedl.models import density_variation
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import variance_standard_error
-from marsedl.montecarlo.streaming import FinalMoments, is_streamed
 from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
 from marsedl.papers.stochastic_entry.inputs import Air, Drawing, Planet, Simulation
@@ -447,10 +446,6 @@ def floor(
         objective = objectives[number]
         predicted = np.sqrt(objective @ getattr(gains, f"{law}_covariance")[number, -1] @ objective)
         measured, error = _deviation(errors(ensemble)[:, DOWNRANGE])
-        if is_streamed(ensemble):
-            range_error = FinalMoments(ensemble, slice(DOWNRANGE, DOWNRANGE + 1))
-            measured = float(np.sqrt(range_error.variance[0]))
-            error = float(range_error.covariance_errors[0, 0]) / (2 * measured)
         bars = (
             (np.sqrt(gains.noise_floor[number]), "none", {"edgecolor": BLACK}),
             (predicted, LAW_COLOR[law], {"alpha": 0.45}),
@@ -474,8 +469,6 @@ def floor(
                 rotation=0 if np.isfinite(value) else 90,
             )
         lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, DOWNRANGE]))
-        if is_streamed(ensemble):
-            lost = ensemble.excluded
         name = f"{LAW_NAME[law]}, {trigger}\n{ensemble.count + ensemble.excluded:,} flights"
         names.append(name + (f",\n{lost:,} not finite" if lost else ""))
     for label, style in (
@@ -498,7 +491,7 @@ def reversals(
     stochastic_time: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
 ) -> Figure:
-    """Final range error, split by the number of bank reversals; of a streamed ensemble in its first trials."""
+    """Final range error, split by the number of bank reversals."""
     figure, panels = new_figure(7.4, 5.4, nrows=2, ncols=2)
     cases = (
         ("Apollo, time", apollo_time),

@@ -56,14 +56,20 @@ class Flown(NamedTuple):
     block_size: int  # trials in a block
     chunk: int = 0  # number of this chunk
     chunks: int = 1  # number of all
+    alone: bool = False  # the last of these trials, and no other; its history is kept
 
 
 class Trial(NamedTuple):
-    """One trial that is flown again."""
+    """One trial that is flown again, see `Trial.flown`."""
 
     case: str
     number: int
     stored: object = None  # the ensemble that it is compared with
+
+    @property
+    def flown(self) -> Flown:
+        """What a job flies to fly this trial alone."""
+        return Flown(self.case, self.number + 1, 1, alone=True)
 
 
 class Solve(NamedTuple):
