@@ -22,7 +22,7 @@ from marsedl.replication.report.front_page import badge, words
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)]
-LIBRARIES = ("methods", "models", "montecarlo", "replication")
+LIBRARIES = ("fly", "methods", "models", "montecarlo", "replication")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_every_public_function_is_in_the_reference(pages):
 def test_every_name_that_a_module_declares_public_exists_and_is_described():
     listed = 0
     for found in walk_packages(marsedl.__path__, "marsedl."):
-        if found.name.split(".")[1] not in ("methods", "models", "montecarlo"):
+        if found.name.split(".")[1] not in ("fly", "methods", "models", "montecarlo"):
             continue
         module = import_module(found.name)
         for name in getattr(module, "__all__", ()):
