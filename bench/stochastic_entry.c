@@ -10,7 +10,7 @@ enum { CROSSRANGE = 5, BANK_COSINE, HISTORY };
 enum { END_TIME = 6, REVERSALS, NEGATIVE_DENSITIES, FINAL };
 enum { SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR, AERO };
 
-typedef struct { /* the record `settings` */
+typedef struct { /* `Settings` of flight.py */
     double gravitational_parameter, rotation_rate, planet_radius, target_longitude, sin_target_latitude;
     double cos_target_latitude, heading_sign, bottom, nodes_per_metre, period, largest_bank_change;
     double fast_velocity, slow_velocity, fast_cosine, slow_cosine;
