@@ -4,7 +4,6 @@ A covariance in a plane, a predicted variance against a sampled one, the distrib
 and the history of an iteration with standard errors.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from marsedl.montecarlo.statistics import variance_sampling_band
-from marsedl.plotting.curves import bounds, mark, name_axes, plot
+from marsedl.plotting.curves import bounds, mark, plot
 from marsedl.plotting.ellipses import ellipse
 from marsedl.plotting.fields import Field, field
 from marsedl.plotting.style import BLACK, SKY
@@ -133,29 +132,3 @@ def distribution(
         axes.plot(value, density, color=BLACK)
     axes.set(xlabel=samples.label, xlim=window)
     return heights, edges
-
-
-def iterations(axes: Axes, values: Field, *, error: Field | None = None, first: int = 0, **style: Any) -> None:
-    """Draw what an iteration arrives at in each pass, with three standard errors.
-
-    Args:
-        axes: to draw on; its ticks become whole numbers.
-        values: (passes,), from pass 0.
-        error: standard errors (passes,).
-        first: pass with which to begin.
-        style: of the line and its markers; `label` for the legend.
-
-    Raises:
-        ValueError: the axes show another unit.
-
-    """
-    last = len(values.values) - 1
-    passes = Field(np.arange(last + 1), "iteration", "1")
-    curve = dataclasses.replace(values, x=passes).where(slice(first, None))
-    style = {"marker": "o", "markersize": 4} | style
-    if error is None:
-        plot(axes, curve, **style)
-    else:
-        name_axes(axes, curve)
-        axes.errorbar(curve.x.values, curve.values, 3 * error.values[first:], **{"capsize": 2} | style)
-    axes.set_xticks(np.arange(0, last + 1, max(1, last // 10)))
