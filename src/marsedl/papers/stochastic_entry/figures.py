@@ -270,25 +270,18 @@ def fig08(linearization: Linearization, gains: Gains, nominal: Nominal) -> Figur
     ruled = np.flatnonzero(gains.time[:-1] < nominal.alignment_time)
     name = r"cosine of the bank angle, $\pm 3 \sigma$"
     mean = field(linearization, "bank_cosine", name=name, x="time").where(ruled)
-    for axes, law, designs in (
-        (
-            panels[0],
-            "apollo",
-            (
-                ("apollo_control_variance", 0, BLUE, "-", "as flown, gain against velocity (time)"),
-                ("timed_control_variance", 0, SKY, "--", "gain against time (time)"),
-            ),
+    designs = {
+        "apollo": (
+            ("apollo_control_variance", 0, BLUE, "-", "as flown, gain against velocity (time)"),
+            ("timed_control_variance", 0, SKY, "--", "gain against time (time)"),
         ),
-        (
-            panels[1],
-            "stochastic",
-            (
-                ("stochastic_control_variance", 0, VERMILION, "-", "fixed time"),
-                ("stochastic_control_variance", 1, ORANGE, "--", "velocity trigger"),
-            ),
+        "stochastic": (
+            ("stochastic_control_variance", 0, VERMILION, "-", "fixed time"),
+            ("stochastic_control_variance", 1, ORANGE, "--", "velocity trigger"),
         ),
-    ):
-        for variance, trigger, color, style, label in designs:
+    }
+    for axes, (law, of_law) in zip(panels, designs.items(), strict=True):
+        for variance, trigger, color, style, label in of_law:
             spread = 3 * np.sqrt(field(gains, variance, at={"trigger": trigger}).values[ruled])
             if not np.isfinite(spread).all():
                 label = f"{label}: no finite gain"
@@ -525,18 +518,14 @@ def reversals(
 ) -> Figure:
     """Final range error, split by the number of bank reversals; of a streamed ensemble in its first trials."""
     figure, panels = new_figure(7.4, 5.4, nrows=2, ncols=2)
-    cases = (
-        ("Apollo, time", apollo_time),
-        ("Apollo, velocity", apollo_velocity),
-        ("stochastic, time", stochastic_time),
-        ("stochastic, velocity", stochastic_velocity),
-    )
+    cases = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     colors = (GREEN, BLUE, VERMILION, PURPLE, ORANGE, SKY, GREY)
-    for axes, (case, ensemble) in zip(panels.flat, cases, strict=True):
+    for axes, (case, ensemble) in zip(panels.flat, cases.items(), strict=True):
+        law, trigger = case.split("_")
         range_error = _final_error(ensemble, "downrange", "km", "final range error")
         error = range_error.values
         finite = np.isfinite(error)
-        title = f"{case}: {finite.sum():,} flights"
+        title = f"{LAW_NAME[law]}, {trigger}: {finite.sum():,} flights"
         if not finite.all():
             title += f", {np.count_nonzero(~finite):,} not finite"
         axes.set(title=title, xlabel=range_error.label)
@@ -549,17 +538,11 @@ def reversals(
         counts = [n for n in np.unique(number) if (number == n).mean() >= LEAST_SHARE]
         for n in counts:
             of_n = error[number == n]
-            inside = np.histogram(of_n, edges)[0] * weight
-            color = colors[n % len(colors)]
-            name = "reversal" if n == 1 else "reversals"
+            inside, color = np.histogram(of_n, edges)[0] * weight, colors[n % len(colors)]
+            share = f"{100 * len(of_n) / len(error):.1f} %: mean {of_n.mean():+.2f}"
             axes.stairs(inside, edges, color=color, fill=True, alpha=0.25)
-            axes.stairs(
-                inside,
-                edges,
-                color=color,
-                linewidth=1.2,
-                label=f"{n} {name}, {100 * len(of_n) / len(error):.1f} %: mean {of_n.mean():+.2f}",
-            )
+            name = f"{n} reversal{'' if n == 1 else 's'}, {share}"
+            axes.stairs(inside, edges, color=color, linewidth=1.2, label=name)
         axes.stairs(np.histogram(error, edges)[0] * weight, edges, color=BLACK, linewidth=0.8, label="all")
         mark(axes, x=0.0, linestyle="-")
         axes.margins(y=0.0)
