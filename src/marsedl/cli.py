@@ -84,7 +84,7 @@ def command_line() -> argparse.ArgumentParser:
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe compare", "--json", action="store_true", help="write JSON")
     add("compare", "paper", help="a paper, such as powered_descent")
-    what = "a reading or universe:NUMBER, after FOLDER: one of another build"
+    what = "a reading or universe:NUMBER; of another build FOLDER:reading or FOLDER:universe:NUMBER"
     add("compare", "mine", help=what)
     add("compare", "other", nargs="?", default=CORRECTED, help=f"what it is compared with (default: {CORRECTED})")
     add("compare", "-o", "--output", metavar="FILE", type=Path, help="the page (default: below build/compare)")
