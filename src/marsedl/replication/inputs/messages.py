@@ -50,21 +50,9 @@ def checked(model: type[Model], value: object, place: Place) -> Model:
         # First unknown keys: one may be a missing one, misspelt, which is not told as well.
         faults = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     unknown = {fault["loc"][:-1] for fault in faults if fault["type"] == "extra_forbidden"}
-    told: dict[tuple, str] = {}
-    for fault in faults:
-        if fault["type"] != "missing" or fault["loc"][:-1] not in unknown:
-            told.setdefault(_written(value, fault["loc"]), _fault(model, fault, place))
-    raise InputError("\n".join(told.values()))
-
-
-def _written(value: object, keys: tuple) -> tuple:
-    """The keys as far as they are written; a fault may name the alternatives of a type behind them."""
-    for number, key in enumerate(keys):
-        try:
-            value = value[key]
-        except (KeyError, IndexError, TypeError):
-            return keys[: number + (isinstance(value, dict) and number == len(keys) - 1)]
-    return keys
+    told = [_fault(model, one, place) for one in faults if one["type"] != "missing" or one["loc"][:-1] not in unknown]
+    # Of a key one fault: of several types that it may have, none fits.
+    raise InputError("\n".join({text.partition(": ")[0]: text for text in reversed(told)}.values()))
 
 
 def _fault(model: type[BaseModel], fault: typing.Mapping, place: Place) -> str:
