@@ -30,23 +30,11 @@ def covariance_ellipse(
     units: tuple[str, str] = ("", ""),
     **style: Any,
 ) -> np.ndarray:
-    """Draw the ellipse of two components about their mean.
+    """Draw the ellipse of two components about their mean; returns the curve (points, 2), in the units that are shown.
 
-    Args:
-        axes: to draw on.
-        record: an artifact with the fields `mean` and `covariance`.
-        components: to the right and upwards.
-        sigma: size of the ellipse, in standard deviations.
-        at: index in all further dimensions, by their names.
-        units: to show the components in, if not their own.
-        style: of the line.
-
-    Returns:
-        The curve (points, 2), in the units that are shown.
-
-    Raises:
-        ValueError: as `fields.field` does.
-
+    record: an artifact with the fields `mean` and `covariance`; components: to the right and upwards; sigma: size of
+    the ellipse, in standard deviations; at: index in all further dimensions, by their names; units: to show the
+    components in, if not their own; style: of the line. Raises ValueError as `fields.field` does.
     """
     means = [
         field(record, f"mean.{component}", unit=unit, at=at) for component, unit in zip(components, units, strict=True)
@@ -67,18 +55,11 @@ def predicted_against_sampled(
 ) -> None:
     """Draw a predicted variance with the band in which that of a sample lies, and the sample's; below, their ratio.
 
-    Args:
-        variance: axes of the variances.
-        ratio: axes of the ratio, in percent of the prediction.
-        predicted: variance over time.
-        sampled: variance of the sample, at any of these times.
-        count: size of the sample, which is taken as normal.
-        label: of the prediction, for the legend.
-        style: of the prediction's line; its colour is the band's.
+    variance: axes of the variances; ratio: axes of the ratio, in percent of the prediction; predicted: variance over
+    time; sampled: variance of the sample, at any of these times; count: size of the sample, which is taken as normal;
+    label: of the prediction; style: of its line, whose colour is the band's.
 
-    Raises:
-        ValueError: the variances are in different units.
-
+    Raises ValueError if the variances are in different units.
     """
     expected = predicted.at(sampled)
     share = sampled.of(100.0 * (sampled.values / expected.values - 1.0), "sampled against\npredicted", "%")
@@ -106,16 +87,9 @@ def distribution(
 
     Samples that are not finite, or outside of the window, count in the size of the sample, but are not shown.
 
-    Args:
-        axes: to draw on.
-        samples: (count,); its name and unit are those of the horizontal axis.
-        window: least and largest value that is shown.
-        normal: mean and standard deviation of the normal density, which is left out if they are not finite.
-        style: of the histogram.
-
-    Returns:
-        Heights (bins,) and edges (bins + 1,) of the histogram.
-
+    samples: (count,); its name and unit are those of the horizontal axis; window: least and largest value that is
+    shown; normal: mean and standard deviation of the normal density, which is left out if they are not finite; style:
+    of the histogram. Returns heights (bins,) and edges (bins + 1,) of the histogram.
     """
     inside = samples.values[(samples.values >= window[0]) & (samples.values <= window[1])]
     # As fine as the samples' spread asks for: a wide window may hold a small spread.

@@ -42,13 +42,11 @@ class Limit(NamedTuple):
 
 
 def headline_picture(rows: Iterable[Claim], beside: Mapping[str, Mapping[str, str]]):
-    """Draw the headline claims of a paper.
+    """Return a figure of the headline claims of a paper; rows: all of its claims.
 
-    Args:
-        rows: all claims of the paper.
-        beside: further panels of printed numbers by title, with "claim" or "claim[index]" by the label of its row.
+    beside: further panels of printed numbers by title, with "claim" or "claim[index]" by the label of its row.
 
-    Returns the figure. Raises InputError if a panel names what is no printed number of the paper.
+    Raises InputError if a panel names what is no printed number of the paper.
     """
     by_id = {row.id: row for row in rows}
     headline = sorted((row for row in by_id.values() if row.headline), key=lambda row: row.headline)

@@ -57,13 +57,7 @@ class Difference(NamedTuple):
 
 
 def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
-    """Return a reading of a build.
-
-    Args:
-        name: of the reading, or of a named point.
-        study: of the paper.
-        rows: the paper's claims of the build.
-        figures: the folder of the paper's figures.
+    """Return a reading, or a named point, of a build; rows: the paper's claims; figures: the folder of its figures.
 
     Raises InputError if its claims are not built.
     """

@@ -14,12 +14,7 @@ def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
     """Return the likeness of a figure, one of `LIKENESSES`, and why, in a sentence.
 
     The shape is another one if a claim about the figure's shape differs or fails, the scale if any other claim about it
-    does. A figure of which nothing can be tested is not comparable; its text says why.
-
-    Args:
-        product: the figure, with the ids of the claims about it and of those about its shape.
-        claims: the paper's claims by id.
-
+    does. A figure of which nothing can be tested is not comparable; its text says why. claims: the paper's, by id.
     """
     if product.not_comparable:
         return NOT_COMPARABLE, product.not_comparable
