@@ -263,6 +263,9 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         history, observed, stored_watched, length, stored_final = results
         rows_stored = min(STORED, history.shape[1])
         drawn = lane_array(DRAWN)
+        for row in range(DRAWN):
+            for lane in range(LANES):
+                drawn[row, lane] = 0.0  # stays, if air is given
         if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
         for node in range(given_air.shape[0]):
