@@ -10,6 +10,9 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from marsedl.montecarlo.ensembles import reduce_blocks
+from marsedl.montecarlo.outcomes import NON_FINITE
+from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.checks.twice import snakemake
 from marsedl.replication.inputs.readings import load_study
@@ -80,6 +83,24 @@ def ensembles_seconds(design, cases, trials):
             assert np.all(flown.count + flown.excluded == trials)
 
     return seconds(fly, time.process_time)
+
+
+def above_memory(row, simulate_block, trials):
+    """Rows for the moments of the final state, reduced block by block: the speed, and the memory that they add.
+
+    Memory counts from the hundredth block on: the first ones load code and fill the allocator.
+    """
+    resident = []
+
+    def moments(block):
+        resident.append(Path("/proc/self/statm").read_text().split()[1])
+        return central_moments(block.final_state[:, block.outcome != NON_FINITE].T)
+
+    taken = seconds(lambda: reduce_blocks(simulate_block, 0, trials, moments, merge_moments), time.process_time)
+    pages = np.array(resident, int)
+    added = (pages[100:].max() - pages[:100].max()) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    row(f"{trials:,} trials of which moments are kept, speed", trials / taken, "trials per s and core")
+    row(f"memory that {trials:,} trials add", max(added, 0.0), "MB", below=20.0)
 
 
 def interleaved(functions, repetitions=REPETITIONS):

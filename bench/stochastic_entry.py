@@ -3,7 +3,16 @@
 import compiled
 import numba
 import numpy as np
-from measuring import compare_flights, cpu_seconds, designed, ensembles_seconds, inputs_of, same_bits, scaling
+from measuring import (
+    above_memory,
+    compare_flights,
+    cpu_seconds,
+    designed,
+    ensembles_seconds,
+    inputs_of,
+    same_bits,
+    scaling,
+)
 
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.lanes import LANES
@@ -15,6 +24,7 @@ FIGURE = "fig12"
 TRIALS = 1000  # the paper's
 SCALING_TRIALS = 10_000  # enough work for both threads
 ALL_TRIALS = 100_000  # of each cell
+ABOVE_MEMORY = 1_000_000
 CASES = ("apollo_velocity", "stochastic_velocity")
 
 
@@ -66,6 +76,14 @@ def compare(row, made, case):
         row(f"speed of the kernel over strict C, {label}", ratio, "ratio", at_least=0.95)
 
 
+def large(row, made, trials=ABOVE_MEMORY):
+    """Rows for an ensemble of which no trial is kept."""
+    i = inputs_of(PAPER.slug)
+    flights = montecarlo.Flights(*(getattr(i, section) for section in montecarlo.Flights._fields))
+    records = (made.record(name) for name in ("nominal", "linearization", "gains"))
+    above_memory(row, montecarlo.block_simulator(flights, *records, CASES[1]), trials)
+
+
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
@@ -75,5 +93,6 @@ def measure(row):
         compare(row, made, case)
     posed, options = problem(made, CASES[0], SCALING_TRIALS)
     scaling(row, lambda: flight.fly(*posed, **options))
+    large(row, made)
     seconds = ensembles_seconds(made, MODEL.CASES, ALL_TRIALS)
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)

@@ -22,7 +22,7 @@ from marsedl.replication.report.front_page import badge, words
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)]
-LIBRARIES = ("methods", "models", "montecarlo", "replication")
+LIBRARIES = ("fly", "methods", "models", "montecarlo", "replication")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_every_public_function_is_in_the_reference(pages):
 def test_every_name_that_a_module_declares_public_exists_and_is_described():
     listed = 0
     for found in walk_packages(marsedl.__path__, "marsedl."):
-        if found.name.split(".")[1] not in ("methods", "models", "montecarlo"):
+        if found.name.split(".")[1] not in ("fly", "methods", "models", "montecarlo"):
             continue
         module = import_module(found.name)
         for name in getattr(module, "__all__", ()):
@@ -114,7 +114,7 @@ def with_committed_numbers(slug):
 def test_the_readme_says_what_the_committed_verdicts_are(path):
     text = (ROOT / path).read_text("utf-8")
     assert front_page.filled(text, ROOT, map(with_committed_numbers, SLUGS)) == text, "run 'marsedl readme'"
-    message = badge([row for slug in SLUGS for row in front_page.committed_claims(ROOT, slug)])["message"]
+    message = badge([row for slug in SLUGS for row in front_page.committed_claims(ROOT, slug)])
     assert set(re.findall(r"\d+ of \d+ printed numbers; [^<\"\]]*", text)) == {message}
 
 

@@ -109,6 +109,12 @@ class Inputs:
         parameters = [name for name in inspect.signature(function).parameters if name not in {**sections, **named}]
         return function(**sections, **named, **dict(zip(parameters, arguments, strict=False)))
 
+    def replay(self, montecarlo, *arguments, trial, **named):
+        """What a paper says of a trial that is flown again."""
+        chunk = self.call(montecarlo.simulate, *arguments, **named, flown=trial.flown)
+        given = Arguments(self.values, lambda name, kind: None, named)
+        return given.call(montecarlo.replay, chunk=chunk, trial=trial)
+
 
 class Pipeline:
     """The stages of every reading, and of readings with changed inputs: `pipeline.gains("corrected", gravity=0.0)`.

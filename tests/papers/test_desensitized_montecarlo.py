@@ -339,14 +339,14 @@ def test_no_trial_is_dropped(desensitized):
 def test_a_trial_flown_alone_is_that_of_the_ensemble(desensitized, number):
     gains, ensemble = desensitized.gains(), desensitized.ensemble()
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    report = inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number, ensemble))
+    report = inputs.replay(montecarlo, gains=gains, trial=Trial("entry_errors", number, ensemble))
     assert report.count("the same to the last bit") == 6 and "DIFFERS" not in report
     for law, name in enumerate(LAWS):
         assert f"trial {number}, law {name}: {montecarlo.OUTCOMES[int(ensemble.outcome[law, number])]}" in report
-    assert f"{ensemble.final_state[PLAIN, number, 0]:18.9f}" in report
+    assert f"{ensemble.final_state[PLAIN, number, 0]:18.12g}" in report
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
-    assert "DIFFERS" in inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number, other))
-    assert "bit" not in inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number))
+    assert "DIFFERS" in inputs.replay(montecarlo, gains=gains, trial=Trial("entry_errors", number, other))
+    assert "bit" not in inputs.replay(montecarlo, gains=gains, trial=Trial("entry_errors", number))
 
 
 @pytest.mark.parametrize(("intervals", "step"), [(10, 1), (97, 1), (100, 5), (105, 5)])

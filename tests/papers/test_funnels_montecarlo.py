@@ -52,7 +52,7 @@ def ensemble_of(inputs_and_records, case="constant", trials=60, block_size=1000,
 def replayed(inputs_and_records, case, number, ensemble=None, **replacements):
     """What is said of a trial."""
     needed = dict(zip(NAMES, inputs_and_records, strict=True)) | replacements
-    return needed.pop("inputs").call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
+    return needed.pop("inputs").replay(montecarlo, **needed, trial=Trial(case, number, ensemble))
 
 
 def with_inputs(inputs_and_records, **changes):
@@ -221,8 +221,8 @@ def test_results_do_not_depend_on_chunks(inputs_and_records, case):
 def test_a_trial_flown_alone_is_that_of_the_ensemble(inputs_and_records, case, number):
     ensemble = ensemble_of(inputs_and_records, case)
     report = replayed(inputs_and_records, case, number, ensemble)
-    assert report.startswith(f"trial {number}, {case}: flown to the end") and "the same to the last bit" in report
-    assert f"{ensemble.final_state[number, 0]:18.9g}" in report
+    assert report.startswith(f"trial {number} of {case}: flown to the end") and "the same to the last bit" in report
+    assert f"{ensemble.final_state[number, 0]:18.12g}" in report
     other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
     assert "DIFFERS" in replayed(inputs_and_records, case, number, other)
     assert "bit" not in replayed(inputs_and_records, case, number)
@@ -279,4 +279,4 @@ def test_trials_that_diverge_are_counted_and_kept(inputs_and_records, tmp_path):
     store.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
     number = int(np.flatnonzero(lost)[0])
     report = replayed(inputs_and_records, "constant", number, ensemble, funnel=wide)
-    assert f"trial {number}, constant: not finite" in report and "the same to the last bit" in report
+    assert f"trial {number} of constant: not finite" in report and "the same to the last bit" in report

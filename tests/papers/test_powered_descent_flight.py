@@ -182,6 +182,27 @@ def test_flights_with_the_prior_mass_have_the_moments_of_the_linear_design(pipel
     assert wishart_deviance(np.cov(final_states, rowvar=False), 20_000, target).p_value < 1e-3
 
 
+@pytest.mark.parametrize("hold", [0, 3])
+@pytest.mark.parametrize("prior", [False, True])
+@pytest.mark.parametrize("integrator", flight.INTEGRATORS)
+def test_compiled_flights_have_the_bits_of_the_functions_as_they_are_written(integrator, prior, hold):
+    steps, trials, first = 10, 70, 5
+    tables = normals(1, 0, np.arange(2 * steps + 1), 14)
+    gain, mean, thrust = tables[:, :8].reshape(-1, 2, 4), tables[:, 8:12], 1e4 + 1e3 * tables[:, 12:]
+    mass = np.linspace(1500.0, 1400.0, 2 * steps + 1) if prior else flight.OWN_MASS
+    control = flight.Schedule(0.1, steps, 500.0 * gain, 30.0 * mean, thrust, mass, hold)
+    p = flight.Parameters(control, flight.Plant(GRAVITY, MASS_FLOW, NOISE_DENSITY))
+    states = np.array([[250.0], [500.0], [50.0], [-20.0], [WET_MASS]]) + normals(2, 0, np.arange(5), trials)
+    model = (flight.HELD if hold else flight.CONTINUOUS)[integrator]
+    flown = (p, flight.periods(control, 2), states)
+    compiled = model.fly(*flown, seed=3, first_trial=first, increments=2)
+    for trial in (first, first + trials - 1):
+        alone = model.fly_in_python(*flown, seed=3, first_trial=first, increments=2, trial=trial)
+        for name in ("history", "observed", "observed_maximum", "final_state"):
+            own = getattr(compiled, name)[..., trial - first]
+            assert own.tobytes() == getattr(alone, name)[..., 0].tobytes(), name
+
+
 # --- without noise ----------------------------------------------------------------------------------------------------
 
 
@@ -229,10 +250,10 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
         np.testing.assert_array_equal(alone.history[..., 0], ensemble.kept_history[trial])
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
     records = {"nominal": pipeline.nominal(), "gains": gains}
-    text = inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, ensemble))
+    text = inputs.replay(montecarlo, **records, trial=Trial("closed_loop", trial, ensemble))
     assert "the same to the last bit" in text and f"trial {trial} of closed_loop: completed" in text
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, other))
+    assert "DIFFERS" in inputs.replay(montecarlo, **records, trial=Trial("closed_loop", trial, other))
 
 
 @pytest.mark.parametrize(("time_step", "output_interval"), [(0.3, 0.7), (1.0, 0.5), (0.07, 3.0)])
@@ -283,7 +304,7 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     for name in ("mean", "covariance", "observed_mean", "histogram", "maximum_over_trials"):
         np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
     assert not np.isfinite(both.final_state[200:]).all(axis=1).any()
-    trial = inputs.call(montecarlo.replay, nominal=nominal, gains=absurd(gains), trial=Trial("closed_loop", 3))
+    trial = inputs.replay(montecarlo, nominal=nominal, gains=absurd(gains), trial=Trial("closed_loop", 3))
     assert "trial 3 of closed_loop: not finite" in trial
 
 

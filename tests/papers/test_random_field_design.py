@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, linearization, montecarlo, nominal
+from marsedl.papers.random_field import components, environment, flight, linearization, montecarlo, nominal
 from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.double_integrator import kernel, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
@@ -243,8 +243,8 @@ def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(ran
     records = random_field.nominal(), random_field.gains()
     simulate = weak.call(montecarlo.block_simulator, *records, number=0)
     histories = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
-    deviations = (histories[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
-    deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
+    motion = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]
+    deviations = histories[:, motion].transpose(2, 0, 1) - (model.state - [RADIUS, 0.0, 0.0])
     disturbance = deviations[:, 1:] - np.einsum("kij,tkj->tki", model.transition, deviations[:, :-1])
     sampled = np.cov((disturbance / amplitude / UNITS).reshape(trials, -1).T)
     expected = stacked(model.disturbance_covariance)
@@ -703,7 +703,7 @@ def test_without_force_the_double_integrator_flies_its_linear_model(random_field
     for k in range(5):
         control = sum(double_integrator.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
         np.testing.assert_allclose(
-            history[k, flight.CONTROL], control + double_integrator.control[CLOSED, k], atol=1e-14
+            history[k, components.CONTROL], control + double_integrator.control[CLOSED, k], atol=1e-14
         )
         deviations.append(
             double_integrator.transition[k] @ deviations[k] + np.outer(double_integrator.input[k], control)

@@ -1,5 +1,6 @@
 """The entry flights: their limits and ends, what is printed, steps, and that nothing depends on how they are run."""
 
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -143,11 +144,11 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     alone = entry.simulator(case)(number, number + 1)
     np.testing.assert_array_equal(alone.final_state[:, 0], ensemble.final_state[number])
     inputs, needed = entry.stage_inputs("corrected", "montecarlo"), entry.needed("montecarlo", "corrected")
-    report = inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
+    report = inputs.replay(montecarlo, **needed, trial=Trial(case, number, ensemble))
     assert f"trial {number} of {case}: completed" in report and "the same to the last bit" in report
-    assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in report
+    assert re.search(rf"reversals +{ensemble.final_state[number, records.REVERSALS]:g}\n", report)
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, other))
+    assert "DIFFERS" in inputs.replay(montecarlo, **needed, trial=Trial(case, number, other))
 
 
 def test_cases_share_their_dispersions(entry):
@@ -178,7 +179,7 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     np.testing.assert_array_equal(cut.final_state[late, records.END_TIME], limit)
     assert (cut.final_state[late, records.VELOCITY] > 500.0).all()
     number = int(np.flatnonzero(late)[0])
-    report = inputs.call(montecarlo.replay, **needed, trial=Trial("apollo_velocity", number))
+    report = inputs.replay(montecarlo, **needed, trial=Trial("apollo_velocity", number))
     assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in report
 
 
@@ -197,8 +198,8 @@ def test_crashes_are_counted_and_not_dropped(entry):
     np.testing.assert_array_equal(late.outcome == CRASHED, below)
     all_down = until(380.0)
     assert (all_down.outcome == CRASHED).all() and all_down.count == 200
-    report = inputs.call(
-        montecarlo.replay,
+    report = inputs.replay(
+        montecarlo,
         **needed | {"nominal": replace(needed["nominal"], end_time=380.0)},
         trial=Trial("stochastic_time", 7),
     )
@@ -217,7 +218,7 @@ def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path)
         kind = type(ensemble)
         assert_identical(ensemble, store.load(tmp_path / "case.h5", kind, paper="stochastic_entry", reading="printed"))
     inputs, needed = entry.stage_inputs("printed", "montecarlo"), entry.needed("montecarlo", "printed")
-    assert "not finite" in inputs.call(montecarlo.replay, **needed, trial=Trial("stochastic_time", 3))
+    assert "not finite" in inputs.replay(montecarlo, **needed, trial=Trial("stochastic_time", 3))
 
 
 # --- what is printed --------------------------------------------------------------------------------------------------

@@ -1,21 +1,20 @@
 """Ensembles of trials: what a block of them flew, and the reduction of any number of blocks.
 
 A paper writes a function `simulate_block(first_trial, last_trial) -> Trajectories`, around `flights.Flight.fly` or in
-numpy. `run_blocks` simulates a chunk of trials block by
-block and reduces each block at once, so memory does not grow with the histories; `merge` joins all chunks. Blocks
-have a fixed size and are merged in their order: the result is bitwise the same for every number of chunks. Of ensembles
-that are too large to keep every trial, memory does not grow with the trials either, see `streaming`.
+numpy. `run_blocks` simulates a chunk of trials block by block and reduces each block at once, so memory does not grow
+with the histories; `merge` joins all chunks. Blocks have a fixed size and are merged in their order: the result is
+bitwise the same for every number of chunks. Both keep
+every final state; `reduce_blocks` keeps only what its caller makes of a block.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import reduce
 from itertools import pairwise
 
 import numpy as np
 from numba import njit
 
-from marsedl.montecarlo import streaming
 from marsedl.montecarlo.lanes import LANES
 from marsedl.montecarlo.outcomes import NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
@@ -152,53 +151,6 @@ class Ensemble(Reduced):
     __repr__ = summary
 
 
-@dataclass(frozen=True, eq=False)
-class StreamedChunk(Chunk):
-    """Trials of an ensemble of more than `EXACT_TRIALS`, which holds the per-trial arrays of the first of them alone.
-
-    The moments are those of runs of blocks, joined where both halves of a run are in the chunk. block_runs: (blocks,),
-    int64, number of blocks in each run. block_final_mean: (blocks, n_final). block_final_second_moment: (blocks,
-    n_final, n_final). outcome_counts: (OUTCOMES,), int64, by code. All others are as `streaming.Sketch.cells` has them,
-    for the components of the final state and then the observed maxima.
-    """
-
-    block_runs: np.ndarray
-    block_final_mean: np.ndarray
-    block_final_second_moment: np.ndarray
-    outcome_counts: np.ndarray
-    centre: np.ndarray
-    lowest: np.ndarray
-    highest: np.ndarray
-    cell_quantity: np.ndarray
-    cell_side: np.ndarray
-    cell_key: np.ndarray
-    cell_count: np.ndarray
-
-    __repr__ = summary
-
-
-@dataclass(frozen=True, eq=False)
-class StreamedEnsemble(Ensemble):
-    """An ensemble of more than `EXACT_TRIALS` trials: its per-trial arrays are those of the first of them alone.
-
-    final_mean: (n_final,), final_covariance: (n_final, n_final), of all finite trials. The others are as in
-    `StreamedChunk`.
-    """
-
-    final_mean: np.ndarray
-    final_covariance: np.ndarray
-    outcome_counts: np.ndarray
-    centre: np.ndarray
-    lowest: np.ndarray
-    highest: np.ndarray
-    cell_quantity: np.ndarray
-    cell_side: np.ndarray
-    cell_key: np.ndarray
-    cell_count: np.ndarray
-
-    __repr__ = summary
-
-
 @njit(error_model="numpy", cache=True)
 def _count_in_bins(values, edges, counts):
     """Add values (times, n_observed, trials) to counts (times, n_counted, bins + 2); bins are closed on the left."""
@@ -277,8 +229,6 @@ def run_blocks(
     block_size=BLOCK_SIZE,
     histogram_edges=None,
     kept=0,
-    trials=None,
-    centre=None,
 ):
     """Simulate the trials [first_trial, last_trial) block by block, reducing each block at once.
 
@@ -287,23 +237,16 @@ def run_blocks(
     first_trial: a multiple of block_size. last_trial: a multiple too, unless it is the end of the ensemble.
     histogram_edges: (n_counted, bins + 1), increasing, of the first n_counted observed quantities, which alone are
     counted; uniform ones are fastest. Without them everything of no interest is in one bin [0, 1). kept: trials
-    0 .. kept - 1 of the ensemble keep their full histories, in whatever chunks they are. trials: those of the whole
-    ensemble; if they are given and more than `streaming.EXACT_TRIALS`, all but the first are streamed. centre:
-    (n_final,), values near which the final states are, about which percentiles are then resolved; by default zero, as
-    for the observed maxima.
+    0 .. kept - 1 of the ensemble keep their full histories, in whatever chunks they are.
 
-    Returns a `Chunk`, or a `StreamedChunk`. Raises ValueError for bounds off the blocks, wrong edges or centre, a block
-    with another number of trials, a trial without outputs or with more than there are, or an outcome that is not
-    counted.
+    Returns a `Chunk`. Raises ValueError for bounds off the blocks, wrong edges, a block with another number of trials,
+    or a trial without outputs or with more than there are.
     """
-    streamed = trials is not None and trials > streaming.EXACT_TRIALS
-    stored_trials = streaming.EXACT_TRIALS if streamed else last_trial
     if first_trial < 0 or first_trial % block_size:
         raise ValueError(f"first_trial ({first_trial}) must be a multiple of block_size ({block_size})")
     if last_trial <= first_trial:
         raise ValueError(f"last_trial ({last_trial}) must exceed first_trial ({first_trial})")
-    blocks, joined, sketch, outcome_counts = [], [], None, np.zeros(streaming.OUTCOMES, np.int64)
-    final_state, observed_maximum, outcomes, kept_history, kept_observed = [], [], [], [], []
+    blocks, final_state, observed_maximum, outcomes, kept_history, kept_observed = [], [], [], [], [], []
     histogram = edges = maximum_over_trials = None
     for first in range(first_trial, last_trial, block_size):
         last = min(first + block_size, last_trial)
@@ -332,46 +275,19 @@ def run_blocks(
                 np.fmax(largest, observed.max(axis=-1), out=largest)
                 _count_in_bins(observed, edges, histogram[outputs])
         excluded, outcome = last - first - np.count_nonzero(finite), np.where(finite, block.outcome, NON_FINITE)
-        if streamed:
-            final = block.final_state[:, finite]
-            _, *final_moments = central_moments(final.T)
-            moments = (counts, mean, second_moment, observed_mean, *final_moments)
-            streaming.append(joined, streaming.Joined(first // block_size, 1, excluded, *moments))
-            if sketch is None:
-                about = np.zeros(len(final)) if centre is None else centre
-                sketch = streaming.Sketch(np.concatenate([about, np.zeros(n_observed)]))
-            sketch.add(np.vstack([final, block.observed_maximum[:, finite]]))
-            outcome_counts += _counted_outcomes(outcome)
-        else:
-            blocks.append((counts, excluded, mean, second_moment, observed_mean))
+        blocks.append((counts, excluded, mean, second_moment, observed_mean))
 
-        stored_here = max(0, min(stored_trials, last) - first)
-        outcomes.append(outcome[:stored_here].astype(np.int8))
-        final_state.append(block.final_state[:, :stored_here].T.copy())
-        observed_maximum.append(block.observed_maximum[:, :stored_here].T.copy())
+        outcomes.append(outcome.astype(np.int8))
+        final_state.append(block.final_state.T.copy())
+        observed_maximum.append(block.observed_maximum.T.copy())
         keep = max(0, min(kept, last) - first)
         after_end = _after_end(block.length[:keep], times).T
         for kept_arrays, array in ((kept_history, block.history), (kept_observed, block.observed)):
             kept_arrays.append(np.moveaxis(array[..., :keep], -1, 0).copy())
             kept_arrays[-1][after_end] = np.nan
 
-    if streamed:
-        blocks = [(run.counts, run.excluded, run.mean, run.second_moment, run.observed_mean) for run in joined]
     counts, excluded, means, second_moments, observed_means = zip(*blocks, strict=True)
-    kind, more = Chunk, {}
-    if streamed:
-        kind, more = (
-            StreamedChunk,
-            {
-                "block_runs": np.array([run.blocks for run in joined], np.int64),
-                "block_final_mean": np.stack([run.final_mean for run in joined]),
-                "block_final_second_moment": np.stack([run.final_second_moment for run in joined]),
-                "outcome_counts": outcome_counts,
-                **sketch.cells(),
-            },
-        )
-    return kind(
-        **more,
+    return Chunk(
         first_trial=first_trial,
         block_size=block_size,
         block_counts=np.stack(counts),
@@ -390,11 +306,19 @@ def run_blocks(
     )
 
 
-def _counted_outcomes(outcome):
-    """(OUTCOMES,) int64, trials by outcome."""
-    if outcome.min() < 0 or outcome.max() >= streaming.OUTCOMES:
-        raise ValueError(f"outcomes must lie within 0 and {streaming.OUTCOMES - 1} to be counted, got {set(outcome)}")
-    return np.bincount(outcome, minlength=streaming.OUTCOMES)
+def reduce_blocks(simulate_block: SimulateBlock, first_trial, last_trial, reduce, join, *, block_size=BLOCK_SIZE):
+    """Reduce the trials [first_trial, last_trial) to what a caller wants of them; memory does not grow with the trials.
+
+    reduce: `reduce(trajectories) -> part`, a summary of the trials of one block. join: `join(part, part) -> part`,
+    associative, of two neighbouring parts; it also joins the results of chunks.
+    Returns the parts of all blocks joined from left to right. Raises ValueError if there are no trials.
+    """
+    if last_trial <= first_trial:
+        raise ValueError(f"last_trial ({last_trial}) must exceed first_trial ({first_trial})")
+    firsts = range(first_trial, last_trial, block_size)
+    return functools.reduce(
+        join, (reduce(simulate_block(first, min(first + block_size, last_trial))) for first in firsts)
+    )
 
 
 def chunk_bounds(trials, chunks, block_size=BLOCK_SIZE):
@@ -413,8 +337,7 @@ def chunk_bounds(trials, chunks, block_size=BLOCK_SIZE):
 def merge(chunks: Sequence[Chunk]):
     """Join all chunks of an ensemble, given in any order, in the order of their blocks.
 
-    Returns an `Ensemble`, of streamed chunks a `StreamedEnsemble`. Raises ValueError when trials are missing or
-    doubled, or when chunks do not match.
+    Returns an `Ensemble`. Raises ValueError when trials are missing or doubled, or when chunks do not match.
     """
     chunks = sorted(chunks, key=lambda chunk: chunk.first_trial)
     if not chunks:
@@ -427,11 +350,7 @@ def merge(chunks: Sequence[Chunk]):
             raise ValueError(f"chunk at trial {chunk.first_trial} has another block size or follows a short block")
         if not np.array_equal(chunk.histogram_edges, chunks[0].histogram_edges):
             raise ValueError(f"chunk at trial {chunk.first_trial} has other histogram edges")
-        if isinstance(chunk, StreamedChunk) != isinstance(chunks[0], StreamedChunk):
-            raise ValueError(f"chunk at trial {chunk.first_trial} is of an ensemble of another size")
         expected += int(chunk.block_counts[:, 0].sum() + chunk.block_excluded.sum())
-    if isinstance(chunks[0], StreamedChunk):
-        return _merged_streams(chunks)
 
     total = tuple(
         np.zeros_like(getattr(chunks[0], name)[0]) for name in ("block_counts", "block_mean", "block_second_moment")
@@ -446,62 +365,25 @@ def merge(chunks: Sequence[Chunk]):
     observed_sum = (counts[:, :, np.newaxis] * observed_means).sum(axis=0)
     observed_mean = observed_sum / np.maximum(flying[:, np.newaxis], 1)
     excluded = int(sum(chunk.block_excluded.sum() for chunk in chunks))
-    return Ensemble(**_merged(chunks, excluded, flying, mean, second_moment, observed_mean))
-
-
-def _merged_streams(chunks):
-    """Join streamed chunks in the order of their blocks, as if one chunk had flown them all."""
-    joined, sketch = [], streaming.Sketch(chunks[0].centre)
-    for chunk in chunks:
-        firsts = chunk.first_trial // chunk.block_size + np.cumsum(chunk.block_runs) - chunk.block_runs
-        for number, first in enumerate(firsts.tolist()):
-            moments = (
-                getattr(chunk, f"block_{name}")[number]
-                for name in ("counts", "mean", "second_moment", "observed_mean", "final_mean", "final_second_moment")
-            )
-            blocks, excluded = int(chunk.block_runs[number]), int(chunk.block_excluded[number])
-            streaming.append(joined, streaming.Joined(first, blocks, excluded, *moments))
-        sketch.merge(chunk)
-    all_blocks = reduce(streaming.join, joined)
-    merged = _merged(
-        chunks,
-        all_blocks.excluded,
-        all_blocks.counts,
-        all_blocks.mean,
-        all_blocks.second_moment,
-        all_blocks.observed_mean,
-    )
-    count = merged["count"]
-    return StreamedEnsemble(
-        **merged,
-        final_mean=np.where(count > 0, all_blocks.final_mean, np.nan),
-        final_covariance=np.where(count > 1, all_blocks.final_second_moment / max(count - 1, 1), np.nan),
-        outcome_counts=sum(chunk.outcome_counts for chunk in chunks),
-        **sketch.cells(),
-    )
-
-
-def _merged(chunks, excluded, flying, mean, second_moment, observed_mean):
-    """The fields of an ensemble, from moments of all its trials and from all chunks in their order."""
     at_time = flying[:, np.newaxis]
     covariance = second_moment / np.maximum(at_time - 1, 1)[:, np.newaxis]
 
     def joined(name):
         return np.concatenate([getattr(chunk, name) for chunk in chunks])
 
-    return {
-        "count": int(flying[0]),
-        "excluded": excluded,
-        "flying": flying,
-        "mean": np.where(at_time > 0, mean, np.nan),
-        "covariance": np.where(at_time[:, np.newaxis] > 1, covariance, np.nan),
-        "observed_mean": np.where(at_time > 0, observed_mean, np.nan),
-        "histogram": sum(chunk.histogram for chunk in chunks),
-        "histogram_edges": chunks[0].histogram_edges,
-        "maximum_over_trials": np.fmax.reduce([chunk.maximum_over_trials for chunk in chunks]),
-        "final_state": joined("final_state"),
-        "observed_maximum": joined("observed_maximum"),
-        "outcome": joined("outcome"),
-        "kept_history": joined("kept_history"),
-        "kept_observed": joined("kept_observed"),
-    }
+    return Ensemble(
+        count=int(flying[0]),
+        excluded=excluded,
+        flying=flying,
+        mean=np.where(at_time > 0, mean, np.nan),
+        covariance=np.where(at_time[:, np.newaxis] > 1, covariance, np.nan),
+        observed_mean=np.where(at_time > 0, observed_mean, np.nan),
+        histogram=sum(chunk.histogram for chunk in chunks),
+        histogram_edges=chunks[0].histogram_edges,
+        maximum_over_trials=np.fmax.reduce([chunk.maximum_over_trials for chunk in chunks]),
+        final_state=joined("final_state"),
+        observed_maximum=joined("observed_maximum"),
+        outcome=joined("outcome"),
+        kept_history=joined("kept_history"),
+        kept_observed=joined("kept_observed"),
+    )

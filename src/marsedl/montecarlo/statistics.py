@@ -63,6 +63,11 @@ def covariance(samples):
     return np.cov(samples, rowvar=False).reshape(n, n) if len(samples) > 1 else np.full((n, n), np.nan)
 
 
+def variance(samples):
+    """Unbiased variance of samples (count, ...), (...); NaN of one."""
+    return samples.var(axis=0, ddof=1) if len(samples) > 1 else np.full(samples.shape[1:], np.nan)[()]
+
+
 def mean_standard_error(variance, count):
     """Standard error of a mean: sqrt(variance / count)."""
     return np.sqrt(np.asarray(variance) / _at_least(2, count))

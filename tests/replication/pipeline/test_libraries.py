@@ -103,7 +103,7 @@ def test_every_library_that_some_code_uses_is_installed_under_the_name_by_which_
         *(fingerprints_of(ROOT).libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
     )
     used -= {"yaml"}
-    assert used >= {"PIL", "casadi", "cvxpy", "ddsketch", "jinja2", "matplotlib", "numba", "numpy", "scipy"}
+    assert used >= {"PIL", "casadi", "cvxpy", "jinja2", "matplotlib", "numba", "numpy", "scipy"}
     assert "not installed" not in library_versions(*(DISTRIBUTIONS.get(name, name) for name in used)).values()
 
 

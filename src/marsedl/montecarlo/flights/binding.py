@@ -28,6 +28,23 @@ OFFERED = {
 """Names that a function of each role may ask for; `flights` says what they are."""
 
 
+_SCALARS = ("is_due", "in_phase", "excess")
+WRITTEN = {
+    "rates": ("slope",),
+    "look_up": ("found",),
+    "sense": ("sensed",),
+    "consult": ("advice",),
+    "guide": ("command", "memory"),
+    "store": ("stored",),
+    "observe": ("observed",),
+    "watch": ("watched",),
+    "finish": ("final",),
+    "interrupts": ("is_due",),
+    "phase": ("in_phase",),
+    "ended": ("excess",),
+}
+"""Lane arrays to which the numbers go that a function of each role returns."""
+
 _FOREIGN = ("numpy", "numba", "llvmlite")
 
 
@@ -79,14 +96,48 @@ def describe(function):
     return f"{function.__name__} ({code.co_filename}, line {code.co_firstlineno})" if code else repr(function)
 
 
-def compiled(function, role):
-    """The function, compiled, taking all that its role is offered, in that order, and handing on what it asks for."""
-    from marsedl.montecarlo.lanes import inline_called_njit
+def compiled(function, role, kinds, *, masked=False, single=False):
+    """Compiled loop over the lanes of a group that calls one function of a model: its body is one generated line.
 
-    space = {"function": inline_called_njit(function)}
-    arguments = ", ".join(asked(function, role))
-    exec(f"def call({', '.join(OFFERED[role])}):\n    return function({arguments})", space)
-    return inline_called_njit(space["call"])
+    Args:
+        function, role: what is called, and as what. kinds: named tuples of the parts of the flight, by name.
+        masked: whether the loop takes a lane array `chosen`, and only writes where it is positive.
+        single: whether a single lane is treated, in place of all.
+
+    Returns:
+        `loop(*offered, *written)`, with `lane` first if single, and `chosen` last if masked: names that are offered to
+        the role, parts of the flight and `guided` being lane arrays, then the lane arrays that it writes, see
+        `WRITTEN`. Of `vary` the function itself, as of what is offered.
+
+    """
+    from marsedl.montecarlo.flights.columns import column, getter, putter
+    from marsedl.montecarlo.lanes import LANES, inline_called_njit
+
+    space = {"function": inline_called_njit(function), "column": column, "LANES": LANES}
+    names, reads = asked(function, role), {"air": "column(air, lane)", "past": "column(past, lane)"}
+    reads["guided"] = "guided[0, lane]"
+    if role == "finish":
+        reads["time"] = "time[0, lane]"  # each its own
+    for name in () if role == "vary" else kinds:
+        space[f"get_{name}"], reads[name] = getter(kinds[name]), f"get_{name}({name}, lane)"
+    call = f"function({', '.join(reads.get(name, name) for name in names)})"
+    if role == "vary":
+        exec(f"def call({', '.join(OFFERED[role])}):\n    return {call}", space)
+        return inline_called_njit(space["call"])
+    written = WRITTEN[role]
+    if written[0] in _SCALARS:
+        body = [f"{written[0]}[0, lane] = {call}"]
+    else:
+        where = "chosen[0, lane] > 0.0" if masked else "None"
+        body = [f"{', '.join(f'new_{name}' for name in written)} = {call}"]
+        for name in written:
+            space[f"put_{name}"] = putter(kinds["state" if name == "slope" else name], function)
+            body.append(f"put_{name}(new_{name}, {name}, lane, {where})")
+    takes = ["lane"] * single + [*OFFERED[role], *(name for name in written if name not in OFFERED[role])]
+    lines = [f"def loop({', '.join(takes + ['chosen'] * masked)}):"]
+    lines += [] if single else ["    for lane in range(LANES):"]
+    exec("\n".join(lines + [f"        {line}" for line in body]), space)
+    return inline_called_njit(space["loop"])
 
 
 # ---- the cached kernel -----------------------------------------------------------------------------------------------

@@ -136,7 +136,8 @@ def flat(value):
         members = [float(part) if is_float else part for part, is_float in zip(value, floats, strict=True)]
         return tuple(leaf for member in members for leaf in flat(member))
     # A copy of what is read-only, for which the kernel would be compiled once more.
-    return (np.require(value, requirements=["C", "W"]) if isinstance(value, np.ndarray) else value,)
+    plain = not isinstance(value, np.ndarray) or value.flags.carray
+    return (value if plain else np.require(value, requirements=["C", "W"]),)
 
 
 def shape_of(value):

@@ -7,8 +7,8 @@ import numpy as np
 from numba import njit
 from numba.core import errors
 
-from marsedl.montecarlo.flights.binding import OFFERED, asked, compiled, describe
-from marsedl.montecarlo.flights.columns import column, dresser, flat, getter, putter, shape_of
+from marsedl.montecarlo.flights.binding import OFFERED, WRITTEN, asked, compiled, describe
+from marsedl.montecarlo.flights.columns import dresser, flat, shape_of
 from marsedl.montecarlo.lanes import LANES, lane_array
 
 COMPILER_ERRORS = (errors.NumbaError, errors.UnsupportedBytecodeError)
@@ -52,45 +52,45 @@ def warn_of_scalar_loops(flight, p, law, vehicle_class):
 
 
 def scalar_loops(flight, p, law, vehicle_class):
-    """Functions among rates, sense and guide whose compiled loop over lanes has more scalar arithmetic than packed."""
+    """Functions among rates, sense and guide whose compiled loop over lanes is not vector code.
+
+    A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic."""
     kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options[1]}
-    roles = [("rates", flight.functions["rates"], ("state",)), ("sense", flight.functions["sense"], ("sensed",))]
-    roles += [("guide", function, ("command", "memory")) for function in flight.guides]
+    roles = [(role, flight.functions[role]) for role in ("rates", "sense")]
+    roles += [("guide", function) for function in flight.guides]
     found = []
-    for role, function, results in roles:
+    for role, function in roles:
         if function and "past" not in asked(function, role):  # loops over its own past
-            probe = _loop_alone(role, function, kinds, results, shape_of(p), shape_of(law))
+            probe = _loop_alone(role, function, kinds, shape_of(p), shape_of(law))
             probe(flat(p) or (0.0,), flat(law) or (0.0,), np.ones((64, LANES)), np.empty((64, LANES)))
             code = next(iter(probe.inspect_asm().values()))
             packed, scalar = (len(re.findall(_ARITHMETIC + kind, code)) for kind in (r"pd\b", r"sd\b"))
-            if scalar > packed or re.search(_LIBRARY, code):
+            if scalar > 3 * packed or re.search(_LIBRARY, code):
                 found.append(function)
     return found
 
 
-def _loop_alone(role, function, kinds, results, p_shape, law_shape):
+def _loop_alone(role, function, kinds, p_shape, law_shape):
     """Compiled loop over the lanes of a group that calls one function alone, reading `given` and writing `out`."""
-    given = {name: kind for name, kind in kinds.items() if name in OFFERED[role]}
-    space = {"call": compiled(function, role), "lane_array": lane_array, "LANES": LANES, "column": column}
-    space |= {f"get_{name}": getter(kind) for name, kind in given.items()}
-    space |= {f"put_{name}": putter(kinds[name], function) for name in results}
+    parts = [name for name in OFFERED[role] if name in kinds]
+    written = [name for name in WRITTEN[role] if name not in parts]
+    rows = {name: len(kinds["state" if name == "slope" else name]._fields) for name in (*parts, *written)}
+    space = {"loop": compiled(function, role, kinds), "lane_array": lane_array, "LANES": LANES}
     space |= {"dress_p": dresser(p_shape), "dress_law": dresser(law_shape)}
-    values = {"half_index": "2", "cycle": "1", "time": "0.5", "share": "0.0", "past": "column(given, lane)"}
-    values |= {name: f"get_{name}({name}, lane)" for name in given}
-    arguments = ", ".join(values.get(name, name) for name in OFFERED[role])
-    of_kind = {name: len(kinds[name]._fields) for name in kinds}
-    lines = ["def loop(p_values, law_values, given, out):", "    p, law = dress_p(p_values), dress_law(law_values)"]
-    for name in given:
-        lines += [f"    {name} = lane_array({of_kind[name]})", f"    for row in range({of_kind[name]}):"]
-        lines += ["        for lane in range(LANES):", f"            {name}[row, lane] = given[row, lane]"]
-    lines += [f"    of_{name} = lane_array({of_kind[name]})" for name in results]
-    lines += [
-        "    for lane in range(LANES):",
-        f"        {', '.join(f'new_{name}' for name in results)} = call({arguments})",
-    ]
-    lines += [f"        put_{name}(new_{name}, of_{name}, lane, None)" for name in results]
-    for first, name in zip((0, of_kind[results[0]]), results, strict=False):
-        lines += [f"    for row in range({of_kind[name]}):", "        for lane in range(LANES):"]
-        lines += [f"            out[{first} + row, lane] = of_{name}[row, lane]"]
+    values = {"half_index": "2", "cycle": "1", "time": "0.5", "share": "0.0", "past": "given"}
+    lines = ["def alone(p_values, law_values, given, out):", "    p, law = dress_p(p_values), dress_law(law_values)"]
+    each = ["        for lane in range(LANES):"]
+    for name in (*parts, *written):
+        lines += [f"    {name} = lane_array({rows[name]})", f"    for row in range({rows[name]}):", *each]
+        lines += [f"            {name}[row, lane] = given[row, lane]"]
+    lines += [f"    loop({', '.join(values.get(name, name) for name in (*OFFERED[role], *written))})"]
+    first = 0
+    for name in WRITTEN[role]:
+        lines += [
+            f"    for row in range({rows[name]}):",
+            *each,
+            f"            out[{first} + row, lane] = {name}[row, lane]",
+        ]
+        first += rows[name]
     exec("\n".join(lines), space)
-    return njit(error_model="numpy")(space["loop"])
+    return njit(error_model="numpy")(space["alone"])

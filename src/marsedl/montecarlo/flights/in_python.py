@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import asked, describe
+from marsedl.montecarlo.flights.binding import WRITTEN, asked, describe
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
 from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -120,19 +120,6 @@ def fly(
     )
 
 
-_RETURNED = {
-    "rates": ("state",),
-    "look_up": ("found",),
-    "sense": ("sensed",),
-    "consult": ("advice",),
-    "guide": ("command", "memory"),
-    "store": ("stored",),
-    "observe": ("observed",),
-    "watch": ("watched",),
-    "finish": ("final",),
-}
-
-
 class _Model:
     """Calls functions of a model with what they ask for of `now`."""
 
@@ -155,7 +142,7 @@ class _Model:
             return ()
         offered = self.now | changed
         result = function(*(offered[name] for name in asked(function, role)))
-        for kind, values in zip(_RETURNED.get(role, ()), result if role == "guide" else (result,), strict=False):
+        for kind, values in zip(self._parts_of(role), result if role == "guide" else (result,), strict=False):
             wanted = self.parts[kind]
             if len(values) != len(wanted._fields):
                 raise ValueError(
@@ -163,6 +150,14 @@ class _Model:
                     f"{len(wanted._fields)}"
                 )
         return result
+
+    @staticmethod
+    def _parts_of(role):
+        return (
+            ()
+            if role in ("vary", "ended", "phase", "interrupts")
+            else (("state",) if role == "rates" else WRITTEN[role])
+        )
 
 
 def _slope(model, state, time, half_index):

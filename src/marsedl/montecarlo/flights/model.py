@@ -204,7 +204,7 @@ class Flight:
         """
         from numba import get_num_threads
 
-        from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
+        from marsedl.montecarlo.ensembles import Trajectories
         from marsedl.montecarlo.flights.columns import flat, shape_of
         from marsedl.montecarlo.lanes import LANES
 
@@ -213,23 +213,29 @@ class Flight:
         memory = self.parts["memory"]() if memory is None else memory
         earlier = start if isinstance(start, Trajectories) else None
         start = earlier.final_state if earlier else start
-        given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}
+        given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air[:1]})}
         width = width_of(given, trials)
-        start, vehicle = (pad_to_groups(table_of(parts, width)) for parts in (start, vehicle))
+        padded = -(-width // LANES) * LANES
+        start, vehicle = (table_of(parts, width, padded) for parts in (start, vehicle))
         if not earlier:
             check_start(start, self.parts["state"], first_trial)
-        air = np.empty((0, start.shape[1])) if air is None else pad_to_groups(air)
+        if air is None:
+            air = np.empty((0, padded))
+        elif np.shape(air)[1] == padded:
+            air = np.require(air, float, ["C", "W"])  # which may be large, and is not copied
+        else:
+            air = table_of(air, width, padded)
         vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
         kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
-        padded, times = start.shape[1], len(schedule.times)
+        times = len(schedule.times)
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
-        watched = earlier.observed_maximum if earlier else np.reshape(tuple(self.parts["watched"]()), (-1, 1))
+        watched = earlier.observed_maximum if earlier else self.parts["watched"]()
         flown = Trajectories(
             history=np.empty((times, size["stored"] if stored is None else stored, padded))
             if into is None
             else into[0],
             observed=np.empty((times, size["observed"], padded)) if into is None else into[1],
-            observed_maximum=pad_to_groups(np.broadcast_to(watched, (size["watched"], width))),
+            observed_maximum=table_of(watched, width, padded),
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
             length=np.full(padded, times, np.int64),
@@ -250,7 +256,7 @@ class Flight:
         def fly_groups(first, last):
             kernel(*arguments, (first, last), *tables, results)
 
-        if not kernel.signatures:
+        if not kernel.overloads:
             from marsedl.montecarlo.flights import diagnosis
 
             try:
@@ -303,11 +309,12 @@ def width_of(given, trials):
     return width
 
 
-def table_of(parts, width):
-    """(numbers, trials) of a tuple of numbers or arrays, or of a table."""
-    table = np.empty((len(parts), width))
+def table_of(parts, width, padded=None):
+    """(numbers, trials) of a tuple of numbers or arrays, or of a table; the last trial is repeated up to `padded`."""
+    table = np.empty((len(parts), padded or width))
     for row, part in zip(table, parts, strict=True):
-        row[:] = part
+        row[:width] = part
+        row[width:] = row[width - 1]
     return table
 
 

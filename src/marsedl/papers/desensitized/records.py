@@ -5,6 +5,7 @@ These types compile nothing and solve nothing: claims, figures and tables read t
 
 import numpy as np
 
+from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
@@ -206,57 +207,25 @@ class Responses:
     narrow_error: np.ndarray = quantity("m", ("law", CHANNEL, "points", POSITION), "final errors", allow_nan=True)
 
 
-@record
-class Flights:
-    """What chunks and ensembles have in common, by law in the order of the gains.
-
-    State: altitude, latitude, longitude, radial, north and east velocity, bank, bank rate, integral of the absolute
-    bank acceleration. Observed: bank acceleration flown, magnitude of the one commanded.
-    """
-
-    histogram: np.ndarray = quantity(
-        "1", ("law", "node", OBSERVED, "bins"), "trials by observed; the first and last bin: beyond the edges", "int64"
-    )
-    histogram_edges: np.ndarray = quantity("rad/s^2", ("law", OBSERVED, "edges"), "edges of the inner bins")
-    maximum_over_trials: np.ndarray = quantity(
-        "rad/s^2", ("law", "node", OBSERVED), "largest observed values over the trials", allow_nan=True
-    )
-    final_state: np.ndarray = quantity(
-        FLIGHT_STATE.unit, ("law", "trials", FLIGHT_STATE), "state at the end", allow_nan=True
-    )
-    observed_maximum: np.ndarray = quantity(
-        "rad/s^2", ("law", "trials", OBSERVED), "largest observed values", allow_nan=True
-    )
-    outcome: np.ndarray = quantity(
-        "1", ("law", "trials"), "0 flown to the end, 1 below the ground, 3 not finite", "int8"
-    )
-    kept_history: np.ndarray = quantity(
-        FLIGHT_STATE.unit, ("law", "kept", "node", FLIGHT_STATE), "states of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity(
-        "rad/s^2", ("law", "kept", "node", OBSERVED), "observed of the kept trials", allow_nan=True
-    )
+_flown = along(
+    state=FLIGHT_STATE,
+    observed=OBSERVED,
+    time="node",
+    per=("law",),  # in the order of the gains
+    outcome="0 flown to the end, 1 below the ground, 3 not finite",
+    histogram="trials by observed; the first and last bin: beyond the edges",
+    maximum_over_trials="largest observed values over the trials",
+    kept_observed="observed of the kept trials",
+)
 
 
-@record
-class FlightChunk(Flights):
+@_flown
+class FlightChunk(Chunk):
     """Reduced trials of one chunk, block by block."""
 
-    first_trial: np.ndarray = quantity("1", ("law",), "number of the first trial", "int64")
-    block_size: np.ndarray = quantity("1", ("law",), "trials in a block", "int64")
-    block_counts: np.ndarray = quantity("1", ("law", "blocks", "node"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("law", "blocks"), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(
-        FLIGHT_STATE.unit, ("law", "blocks", "node", FLIGHT_STATE), "mean state of each block"
-    )
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("law", "blocks", "node", FLIGHT_STATE, FLIGHT_STATE), "second moment about that mean"
-    )
-    block_observed_mean: np.ndarray = quantity("rad/s^2", ("law", "blocks", "node", OBSERVED), "mean of the observed")
 
-
-@record
-class FlightEnsemble(Flights):
+@_flown
+class FlightEnsemble(Ensemble):
     """All trials under all laws, every law with the same errors at entry."""
 
     law: np.ndarray = quantity("1", ("law",), "name, as in the gains", "str")
@@ -264,14 +233,6 @@ class FlightEnsemble(Flights):
     nominal: np.ndarray = quantity(
         FLIGHT_STATE.unit, ("law", "node", FLIGHT_STATE), "the flight without errors", allow_nan=True
     )
-    flying: np.ndarray = quantity("1", ("law", "node"), "trials still flying, over which moments are taken", "int64")
-    count: np.ndarray = quantity("1", ("law",), "trials in the moments", "int64")
-    excluded: np.ndarray = quantity("1", ("law",), "trials left out of them because they are not finite", "int64")
-    mean: np.ndarray = quantity(FLIGHT_STATE.unit, ("law", "node", FLIGHT_STATE), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity(
-        "SI", ("law", "node", FLIGHT_STATE, FLIGHT_STATE), "sample covariance", allow_nan=True
-    )
-    observed_mean: np.ndarray = quantity("rad/s^2", ("law", "node", OBSERVED), "mean of the observed", allow_nan=True)
     final_error: np.ndarray = quantity(
         "m", ("law", "trials", POSITION), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
     )

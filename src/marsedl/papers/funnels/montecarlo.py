@@ -4,11 +4,10 @@ Flights of the entry are the paper's Monte Carlo cases; runs of the Dubins car a
 depend on the entry.
 """
 
-from dataclasses import fields
-
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.inputs import Car, Ensemble, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
@@ -35,10 +34,9 @@ def simulate(
     The case is "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
     `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
     """
-    numbers = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
-    kept_trials = min(ensemble.drawn_trials, flown.trials)
-    return _reduced(setting, _draws(ensemble, flown.case), numbers, kept_trials, flown.block_size)
+    draws = flight.Draws(ensemble.seed, flown.case, ensemble.redraw_steps, ensemble.adversarial_directions)
+    return _reduced(setting, draws, flown, ensemble.drawn_trials)
 
 
 @stage()
@@ -57,16 +55,11 @@ def dubins_wind(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
 
 def _car_runs(setting, seed, trials, drawn_trials):
     """Runs of the car, held against one of its funnels."""
-    return gather([_reduced(setting, flight.Draws(seed), (0, trials), min(drawn_trials, trials))])
+    return gather([_reduced(setting, flight.Draws(seed), Flown("dubins", trials, ensembles.BLOCK_SIZE), drawn_trials)])
 
 
-def _draws(ensemble: Ensemble, case):
-    """The random numbers and disturbances of a case."""
-    return flight.Draws(ensemble.seed, case, ensemble.redraw_steps, ensemble.adversarial_directions)
-
-
-def _reduced(setting, draws, numbers, kept_trials, block_size=ensembles.BLOCK_SIZE):
-    """The trials from one number up to another, reduced."""
+def _reduced(setting, draws, flown, drawn_trials):
+    """The trials of a job, reduced."""
     simulate_block = flight.simulator(setting, draws)
     repeat_maximum = np.full((REPEATS, len(setting.level), len(setting.observed)), np.nan)
 
@@ -79,27 +72,25 @@ def _reduced(setting, draws, numbers, kept_trials, block_size=ensembles.BLOCK_SI
                 np.fmax(repeat_maximum[repeat], values.max(axis=-1), out=repeat_maximum[repeat])
         return block
 
-    reduced = ensembles.run_blocks(recorded, *numbers, block_size=block_size, kept=kept_trials)
+    reduced = flown_chunk(recorded, flown, drawn=drawn_trials)
     return FlightChunk(
         time=setting.loop.time,
         level=setting.level,
         observed_name=np.array(setting.observed),
         repeat_maximum=repeat_maximum,
-        **_finite_fields(reduced),
+        **reduced,
     )
 
 
 @stage()
 def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and count what lies outside of the funnel."""
-    names = [field.name for field in fields(ensembles.Chunk)]
-    merged = ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
-    joined = _finite_fields(merged)
+    merged = joined(chunks)
     for name in ("histogram", "histogram_edges", "flying", "observed_mean"):
-        del joined[name]
+        del merged[name]
     # A ratio that is not a number is one of a trial that is nowhere.
-    at_slices, between = ~(merged.final_state[:, -2:] <= 1.0).T
-    lasting = merged.outcome == ensembles.COMPLETED
+    at_slices, between = ~(merged["final_state"][:, -2:] <= 1.0).T
+    lasting = merged["outcome"] == ensembles.COMPLETED
     return FlightEnsemble(
         time=chunks[0].time,
         level=chunks[0].level,
@@ -107,39 +98,13 @@ def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
         repeat_maximum=np.fmax.reduce([chunk.repeat_maximum for chunk in chunks]),
         outside_at_slices=int(np.count_nonzero(at_slices)),
         outside_between=int(np.count_nonzero(between)),
-        largest_ratio=float(merged.final_state[lasting, -2:].max()) if lasting.any() else np.nan,
-        **joined,
+        largest_ratio=float(merged["final_state"][lasting, -2:].max()) if lasting.any() else np.nan,
+        **merged,
     )
 
 
-def _finite_fields(record):
-    """The fields of a `Chunk` or `Ensemble`, without infinities."""
-    return {field.name: ensembles.without_infinities(getattr(record, field.name)) for field in fields(record)}
-
-
-def replay(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    ensemble: Ensemble,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-    *,
-    trial: Trial,
-) -> str:
-    """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
-    result = ensembles.replay(flight.simulator(setting, _draws(ensemble, trial.case)), trial.number)
-    end = ensembles.without_infinities(result.final_state[:, 0])
-    outcome = ensembles.COMPLETED if np.isfinite(result.final_state).all() else ensembles.NON_FINITE
-    lines = [f"trial {trial.number}, {trial.case}: {OUTCOMES[outcome]}"]
-    names = [f"deviation of state {i + 1}" for i in range(len(end) - 2)]
-    names += ["largest V/rho at slices", "largest V/rho between them"]
-    lines += [f"  {name:28}{value:18.9g}" for name, value in zip(names, end, strict=True)]
-    if trial.stored is not None:
-        same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)
-        lines.append(
-            "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
-        )
-    return "\n".join(lines)
+def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+    """Describe a trial that was flown again."""
+    deviations = [f"deviation of state {number + 1}" for number in range(chunk.kept_history.shape[-1])]
+    names = [*deviations, "largest V/rho at slices", "largest V/rho between them"]
+    return described(chunk, trial, OUTCOMES, names=names)

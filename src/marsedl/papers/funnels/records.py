@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from marsedl.papers.ensembles import Chunk, Moments, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 GAIN_UNIT = "rad/m, 1, 1, rad s/m, 1, 1"
@@ -379,65 +380,49 @@ class DubinsStudy:
     proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
 
 
-@record
-class Flights:
-    """What chunks and ensembles have in common.
+_flown = along(
+    state=("states", "SI"),  # less those of the reference
+    observed=("observed", OBSERVED_UNIT),  # V, magnitude of the feedback (rad; rad/s of the car), and heat rate
+    final=("final", "SI"),
+    bins=BIN,
+    edges=EDGE,
+    outcome="0 flown to the end, 3 not finite",
+    histogram="trials below 0, within 0 and 1, above",
+    histogram_edges="0 and 1",
+    maximum_over_trials="largest observed values over the trials",
+    final_state="deviation at the end; largest V/rho at slices, and between them",
+    kept_history="deviations of the kept trials",
+    kept_observed="observed of the kept trials",
+    block_mean="mean deviation of each block",
+    count="finite trials",
+    excluded="trials that are not finite",
+    mean="mean deviation",
+)
 
-    A deviation is the state less that of the reference. Observed: V, magnitude of the feedback (rad; rad/s of the
-    car), and heat rate, which the car has not.
-    """
+
+@record
+class Held:
+    """What flights are held against, and by which parts of them."""
 
     time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
     level: np.ndarray = quantity(
         "1", ("time",), "level rho of the funnel, linear between slices; NaN where there is none", allow_nan=True
     )
     observed_name: np.ndarray = quantity("1", ("observed",), "what is observed", "str")
-    maximum_over_trials: np.ndarray = quantity(
-        OBSERVED_UNIT, ("time", "observed"), "largest observed values over the trials", allow_nan=True
-    )
     repeat_maximum: np.ndarray = quantity(
         OBSERVED_UNIT, ("repeats", "time", "observed"), "the same of ten parts of the trials", allow_nan=True
     )
-    final_state: np.ndarray = quantity(
-        "SI", ("trials", "final"), "deviation at the end; largest V/rho at slices, and between them", allow_nan=True
-    )
-    observed_maximum: np.ndarray = quantity(
-        OBSERVED_UNIT, ("trials", "observed"), "largest observed values", allow_nan=True
-    )
-    outcome: np.ndarray = quantity("1", ("trials",), "0 flown to the end, 3 not finite", "int8")
-    kept_history: np.ndarray = quantity(
-        "SI", ("kept", "time", "states"), "deviations of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity(
-        OBSERVED_UNIT, ("kept", "time", "observed"), "observed of the kept trials", allow_nan=True
-    )
 
 
-@record
-class FlightChunk(Flights):
+@_flown
+class FlightChunk(Held, Chunk):
     """Reduced trials of one chunk, block by block."""
 
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity("SI", ("blocks", "time", "states"), "mean deviation of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("blocks", "time", "states", "states"), "second moment about that mean"
-    )
-    block_observed_mean: np.ndarray = quantity(OBSERVED_UNIT, ("blocks", "time", "observed"), "mean of the observed")
-    histogram: np.ndarray = quantity("1", ("time", "observed", BIN), "trials below 0, within 0 and 1, above", "int64")
-    histogram_edges: np.ndarray = quantity(OBSERVED_UNIT, ("observed", EDGE), "0 and 1")
 
-
-@record
-class FlightEnsemble(Flights):
+@_flown
+class FlightEnsemble(Held, Moments):
     """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
 
-    count: int = quantity("1", (), "finite trials")
-    excluded: int = quantity("1", (), "trials that are not finite")
-    mean: np.ndarray = quantity("SI", ("time", "states"), "mean deviation", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("time", "states", "states"), "sample covariance", allow_nan=True)
     outside_at_slices: int = quantity("1", (), "trials outside of the funnel at a slice after the first")
     outside_between: int = quantity("1", (), "trials outside of the funnel at a node between slices")
     largest_ratio: float = quantity("1", (), "largest V/rho of the finite trials after the start", allow_nan=True)

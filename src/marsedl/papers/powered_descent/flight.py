@@ -7,7 +7,7 @@ import numpy as np
 
 from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.ensembles import output_count
+from marsedl.montecarlo.ensembles import output_count, pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing
 from marsedl.montecarlo.flights import Schedule as Periods
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_implicit_euler
@@ -18,7 +18,8 @@ from marsedl.papers.powered_descent.inputs import Noise, Planet, Vehicle
 from marsedl.papers.powered_descent.records import DEPTH, Gains
 
 INITIAL_STREAM, NOISE_STREAM = 0, 1
-OWN_MASS = np.empty(0)  # in place of a prior mass profile
+OBSERVED = 2  # thrust magnitude, depth below the ground
+OWN_MASS = np.full(1, np.nan)  # in place of a prior mass profile
 
 
 class Schedule(NamedTuple):
@@ -29,7 +30,7 @@ class Schedule(NamedTuple):
     gain: np.ndarray  # (2 steps + 1, 2, 4), N/m and N s/m
     mean: np.ndarray  # (2 steps + 1, 4), m and m/s
     feedforward: np.ndarray  # (2 steps + 1, 2), N
-    prior_mass: np.ndarray = OWN_MASS  # (2 steps + 1,), kg, that the plant flies in place of its own; (0,): its own
+    prior_mass: np.ndarray = OWN_MASS  # (2 steps + 1,), kg, that the plant flies in place of its own; (1,): its own
     steps_per_command: int = 0  # over which a command is held; 0: the command is continuous
 
 
@@ -147,13 +148,12 @@ class Observed(NamedTuple):
 @jitable
 def scheduled_thrust(half_index, state, schedule):
     """u = u_ff - K (x - mean) (Eq. 24)."""
-    mean, feedforward = schedule.mean[half_index], schedule.feedforward[half_index]
-    k, l = schedule.gain[half_index]
-    e1, e2 = state.downrange - mean[0], state.altitude - mean[1]
-    e3, e4 = state.downrange_velocity - mean[2], state.vertical_velocity - mean[3]
+    i, k, mean, feedforward = half_index, schedule.gain, schedule.mean, schedule.feedforward
+    e1, e2 = state.downrange - mean[i, 0], state.altitude - mean[i, 1]
+    e3, e4 = state.downrange_velocity - mean[i, 2], state.vertical_velocity - mean[i, 3]
     return Thrust(
-        feedforward[0] - (k[0] * e1 + k[1] * e2 + k[2] * e3 + k[3] * e4),
-        feedforward[1] - (l[0] * e1 + l[1] * e2 + l[2] * e3 + l[3] * e4),
+        feedforward[i, 0] - (k[i, 0, 0] * e1 + k[i, 0, 1] * e2 + k[i, 0, 2] * e3 + k[i, 0, 3] * e4),
+        feedforward[i, 1] - (k[i, 1, 0] * e1 + k[i, 1, 1] * e2 + k[i, 1, 2] * e3 + k[i, 1, 3] * e4),
     )
 
 
@@ -166,7 +166,8 @@ def command(half_index, state, p) -> tuple[Thrust, Nothing]:
 def held_rates(half_index, state, command, noise, p) -> State:
     """Eqs. 1, 2 and 49 under a held thrust, with the vehicle's own mass or the prior one."""
     prior_mass, density = p.schedule.prior_mass, p.plant.noise_density
-    mass = state.mass if len(prior_mass) == 0 else prior_mass[half_index]
+    prior = prior_mass[min(half_index, len(prior_mass) - 1)]
+    mass = state.mass if len(prior_mass) == 1 else prior
     return State(
         *powered_descent_rates(
             (state.downrange, state.altitude, state.downrange_velocity, state.vertical_velocity, mass),
@@ -196,18 +197,18 @@ def largest(watched, state, command) -> Observed:
     return Observed(np.maximum(watched.thrust, now.thrust), np.maximum(watched.depth, now.depth))
 
 
-def _flights(scheme):
-    """The flights with a continuous and with a held command; a flight is compiled when it is first flown."""
-    options = {"guide": command, "observe": observe, "watch": largest, "watch_steps": True, "noise": Thrust}
-    return tuple(Flight(rates_of, integrator=scheme, **options) for rates_of in (rates, held_rates))
+def _flight(rates, scheme):
+    return Flight(
+        rates, integrator=scheme, noise=Thrust, guide=command, observe=observe, watch=largest, watch_steps=True
+    )
 
 
-FLIGHTS = {
-    "rk4": _flights(runge_kutta_4),
-    "euler_maruyama": _flights(euler_maruyama),
-    "semi_implicit_euler": _flights(semi_implicit_euler(2)),
-}
-INTEGRATORS = tuple(FLIGHTS)
+_SCHEMES = {"rk4": runge_kutta_4, "euler_maruyama": euler_maruyama, "semi_implicit_euler": semi_implicit_euler(2)}
+INTEGRATORS = tuple(_SCHEMES)
+# Flights are compiled when they are first flown. Euler-Maruyama asks for rates at starts of steps alone, where the
+# thrust is that which a step holds.
+HELD = {name: _flight(held_rates, scheme) for name, scheme in _SCHEMES.items()}
+CONTINUOUS = {**HELD, **{name: _flight(rates, _SCHEMES[name]) for name in ("rk4", "semi_implicit_euler")}}
 
 
 def periods(control, steps_per_output):
@@ -234,37 +235,35 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         below the ground at any step flies on, as the paper's model does, and has the outcome CRASHED.
 
     """
-    parts, flown, increment = [], initial_states.T, 0
-    for control, every in zip(schedules, steps_per_output, strict=True):
-        output_count(control.steps, every)
-        if parts and widening != 1.0:
+    counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
+    flown = pad_to_groups(initial_states.T)
+    history, observed = (np.empty((sum(counts), size, flown.shape[1])) for size in (len(flown), OBSERVED))
+    output, increment = 0, 0
+    for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
+        if output and widening != 1.0:
             state = flown.final_state
             state[:4] = control.mean[0, :, np.newaxis] * (1 - np.sqrt(widening)) + np.sqrt(widening) * state[:4]
-        flown = FLIGHTS[integrator][control.steps_per_command > 0].fly(
+        flights = HELD if control.steps_per_command else CONTINUOUS
+        flown = flights[integrator].fly(
             Parameters(control, plant),
             periods(control, every),
             flown,
             **draws._asdict(),
             first_increment=increment,
-            streams=(NOISE_STREAM, NOISE_STREAM),
+            into=(history[output : output + count], observed[output : output + count]),
         )
         if control.steps % (control.steps_per_command or 1) == 0:  # a command is renewed at the end, too
+            end = State(*flown.final_state)
             with np.errstate(over="ignore", invalid="ignore"):
-                end = State(*flown.final_state)
-                seen = np.array(observe(end, scheduled_thrust(2 * control.steps, end, control)))
-            flown.observed[-1] = seen
-            np.maximum(flown.observed_maximum, seen, out=flown.observed_maximum)
-        parts.append(flown)
+                flown.observed[-1] = observe(end, scheduled_thrust(2 * control.steps, end, control))
+            np.maximum(flown.observed_maximum, flown.observed[-1], out=flown.observed_maximum)
+        output += count
         increment += control.steps * draws.increments
+    flown.outcome[flown.observed_maximum[DEPTH] > 0] = CRASHED
     finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
-    crashed = np.where(flown.observed_maximum[DEPTH] > 0, CRASHED, flown.outcome)
-    return replace(
-        flown,
-        history=np.concatenate([part.history for part in parts]),
-        observed=np.concatenate([part.observed for part in parts]),
-        outcome=np.where(finite, crashed, NON_FINITE).astype(np.int8),
-        length=sum(part.length for part in parts),
-    )
+    flown.outcome[~finite] = NON_FINITE
+    length = np.full_like(flown.length, output)
+    return replace(flown, history=history, observed=observed, length=length).first(len(initial_states))
 
 
 def initial_states(start: Start, seed: int, trials: np.ndarray) -> np.ndarray:

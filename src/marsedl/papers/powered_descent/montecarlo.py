@@ -1,12 +1,12 @@
 """Monte Carlo flights of the nonlinear plant, closed and open loop, scattered in chunks and gathered."""
 
 from collections.abc import Callable
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import (
     Design,
@@ -18,13 +18,10 @@ from marsedl.papers.powered_descent.inputs import (
     Vehicle,
 )
 from marsedl.papers.powered_descent.records import (
-    THRUST,
     FlightChunk,
     FlightEnsemble,
     Gains,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -64,26 +61,14 @@ def simulate(
     which fly the same trials and more. All cases start from the same states and meet the same noise.
     """
     flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
-    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     thrust_edges = np.linspace(0.0, ensemble.thrust_range * vehicle.maximum_thrust, ensemble.thrust_bins + 1)
-    reduced = ensembles.run_blocks(
+    reduced = flown_chunk(
         block_simulator(flights, nominal, gains, flown.case),
-        first,
-        last,
-        block_size=flown.block_size,
+        flown,
+        drawn=ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
-        kept=min(ensemble.drawn_trials, flown.trials),
-        trials=flown.trials,
-        centre=np.append(gains.mean[-1], _mass_without_feedback(vehicle, gains)),
     )
-    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
-    return kind(**{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)})
-
-
-def _mass_without_feedback(vehicle: Vehicle, gains: Gains) -> float:
-    """Final mass under the mean control alone, kg; trials end within a few kilograms of it."""
-    thrust = np.linalg.norm(gains.feedforward, axis=1)
-    return vehicle.wet_mass - segments.mass_flow(vehicle) * np.trapezoid(thrust, gains.time)
+    return FlightChunk(**reduced)
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
@@ -121,46 +106,15 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str)
 @stage()
 def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    large = isinstance(chunks[0], StreamedFlightChunk)
-    kind = ensembles.StreamedChunk if large else ensembles.Chunk
-    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
+    merged = joined(chunks)
     outputs = [
         np.linspace(0.0, duration, flight.step_count(duration, np.inf, simulation.output_interval)[0] + 1)
         for duration in mission.segment_durations
     ]
     time, segment = segments.joined_time(outputs)
-    return (StreamedFlightEnsemble if large else FlightEnsemble)(
-        time=time, segment=segment, **{field.name: getattr(merged, field.name) for field in fields(merged)}
-    )
+    return FlightEnsemble(time=time, segment=segment, **merged)
 
 
-def replay(
-    planet: Planet,
-    vehicle: Vehicle,
-    entry: Entry,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    nominal: Nominal,
-    gains: Gains,
-    *,
-    trial: Trial,
-) -> str:
-    """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
-    simulate_block = block_simulator(flights, nominal, gains, trial.case)
-    alone = ensembles.replay(simulate_block, trial.number)
-    names = ("downrange (m)", "altitude (m)", "downrange velocity (m/s)", "vertical velocity (m/s)", "mass (kg)")
-    outcome = {0: "completed", 1: "below the ground", 3: "not finite"}[int(alone.outcome[0])]
-    lines = [f"trial {trial.number} of {trial.case}: {outcome}"]
-    start, end = alone.history[0, :, 0], alone.final_state[:, 0]
-    lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start, end, strict=True)]
-    thrust = alone.observed_maximum[THRUST, 0]
-    lines.append(f"  largest control           {thrust:18.9f} N, {thrust / vehicle.maximum_thrust:.6f} of the maximum")
-    if trial.stored is not None:
-        same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)
-        lines.append(
-            "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
-        )
-    return "\n".join(lines)
+def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+    """Describe a trial that was flown again."""
+    return described(chunk, trial, {COMPLETED: "completed", CRASHED: "below the ground", NON_FINITE: "not finite"})

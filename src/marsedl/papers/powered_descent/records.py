@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers import streamed
+from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
@@ -160,66 +160,35 @@ class Certificates:
     solver_iterations: np.ndarray = quantity("1", ("segments", "intervals"), "iterations of the solver", "int64")
 
 
-@record
-class Flights:
-    """What chunks and ensembles have in common."""
-
-    histogram: np.ndarray = quantity("1", ("time", COUNTED, "bins"), "trials by thrust over time", "int64")
-    histogram_edges: np.ndarray = quantity(COUNTED.unit, (COUNTED, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(
-        OBSERVED.unit, ("time", OBSERVED), "largest values over the trials", allow_nan=True
-    )
-    final_state: np.ndarray = quantity(STATE.unit, ("trials", STATE), "final state", allow_nan=True)
-    observed_maximum: np.ndarray = quantity(
-        OBSERVED.unit, ("trials", OBSERVED), "largest thrust and depth", allow_nan=True
-    )
-    outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
-    kept_history: np.ndarray = quantity(
-        STATE.unit, ("kept", "time", STATE), "state over time of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity(
-        OBSERVED.unit, ("kept", "time", OBSERVED), "thrust and depth of them", allow_nan=True
-    )
+_flown = along(
+    state=STATE,
+    observed=OBSERVED,
+    counted=COUNTED,
+    outcome="0 completed, 1 below the ground, 3 not finite",
+    histogram="trials by thrust over time",
+    histogram_edges="edges of the histogram's inner bins",
+    final_state="final state",
+    observed_maximum="largest thrust and depth",
+    kept_history="state over time of the kept trials",
+    kept_observed="thrust and depth of them",
+    block_second_moment="second moment about the block's mean",
+    block_observed_mean="mean thrust and depth of each block",
+    observed_mean="mean thrust and depth",
+    flying="trials in the moments over time: here all of them",
+    excluded="trials left out of the moments because they are not finite",
+)
 
 
-@record
-class FlightChunk(Flights):
+@_flown
+class FlightChunk(Chunk):
     """Reduced trials of one chunk, block by block."""
 
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE.unit, ("blocks", "time", STATE), "mean state of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("blocks", "time", STATE, STATE), "second moment about the block's mean"
-    )
-    block_observed_mean: np.ndarray = quantity(
-        OBSERVED.unit, ("blocks", "time", OBSERVED), "mean thrust and depth of each block"
-    )
 
-
-@record
-class FlightEnsemble(Flights):
+@_flown
+class FlightEnsemble(Ensemble):
     """All trials of one Monte Carlo case."""
 
     time: np.ndarray = quantity(
         "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
     )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
-    count: int = quantity("1", (), "trials in the moments")
-    flying: np.ndarray = quantity("1", ("time",), "trials in the moments over time: here all of them", "int64")
-    excluded: int = quantity("1", (), "trials left out of the moments because they are not finite")
-    mean: np.ndarray = quantity(STATE.unit, ("time", STATE), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("time", STATE, STATE), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity(OBSERVED.unit, ("time", OBSERVED), "mean thrust and depth", allow_nan=True)
-
-
-@record
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@record
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""

@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from marsedl.montecarlo.statistics import (
-    mean_standard_error,
-    two_sample_covariance_deviance,
-)
-from marsedl.montecarlo.streaming import FinalMoments
+from marsedl.montecarlo import statistics
 from marsedl.papers.powered_descent.claims.measures import MOTION_PART, printed_covariance
 from marsedl.papers.powered_descent.records import (
     Certificates,
@@ -22,27 +18,29 @@ VARIANCE_ERROR = "largest error of the final variances"
 def agreement(published, ensemble):
     """Likelihood-ratio tests of the printed covariance against an ensemble's: whole, and without downrange position."""
     printed, trials = printed_covariance(published), published["mc_final_cov_diag"].trials
-    state = FinalMoments(ensemble, MOTION_PART)
-    whole = two_sample_covariance_deviance(printed, trials, state.covariance, state.count)
-    return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, state.covariance[1:, 1:], state.count)
+    state = ensemble.final_state[:, MOTION_PART]
+    covariance, deviance = statistics.covariance(state), statistics.two_sample_covariance_deviance
+    whole = deviance(printed, trials, covariance, len(state))
+    return whole, deviance(printed[1:, 1:], trials, covariance[1:, 1:], len(state))
 
 
 def eq54(published, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None):
     """Mean and covariance of the final state beside Eq. 54, with standard errors and distances in standard errors."""
     ensemble = closed_loop_large or closed_loop
-    state = FinalMoments(ensemble, MOTION_PART)
+    state = ensemble.final_state[:, MOTION_PART]
     trials = published["mc_final_mean"].trials
-    share = np.sqrt(state.count / trials)  # the paper's sampling error in units of ours
+    share = np.sqrt(len(state) / trials)  # the paper's sampling error in units of ours
     rows = []
 
     def row(name, unit, printed, value, error):
         z = (printed - value) / (error * np.hypot(1.0, share))
-        rows.append((name, unit, printed, value, error, error * share, z, state.count))
+        rows.append((name, unit, printed, value, error, error * share, z, len(state)))
 
-    means, errors = state.mean, mean_standard_error(state.variance, state.count)
+    means, errors = state.mean(axis=0), statistics.mean_standard_error(statistics.variance(state), len(state))
     for i, name in enumerate(NAMES):
         row(f"mean {name}", UNITS[i], published["mc_final_mean"].printed[i], means[i], errors[i])
-    printed, covariance, errors = printed_covariance(published), state.covariance, state.covariance_errors
+    printed, covariance = printed_covariance(published), statistics.covariance(state)
+    errors = statistics.covariance_standard_errors(state)
     for i in range(4):
         for j in range(i, 4):
             name = f"var {NAMES[i]}" if i == j else f"cov {NAMES[i]}, {NAMES[j]}"

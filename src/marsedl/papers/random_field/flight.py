@@ -15,10 +15,11 @@ from marsedl.models.atmosphere import uniform_cells
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
+from marsedl.montecarlo.lanes import LANES, lane_array
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
-from marsedl.montecarlo.streams import normals
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
@@ -390,8 +391,8 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     final state is the first three of these and the number of steps at whose start the density was at its floor.
     Outcomes: CRASHED below the ground, where a trial ends and after which nothing is stored (NaN); NON_FINITE.
 
-    Raises ValueError for shapes that do not fit, grids that are not uniform, an interval that is no whole number of
-    steps, or `every` that does not divide it.
+    Raises ValueError for shapes that do not fit, states that are not finite, grids that are not uniform, an interval
+    that is no whole number of steps, or `every` that does not divide it.
     """
     schedule = _schedule(law, every, time_step)
     law, states = _checked_law(law, 3), _checked_states(initial_states, 3)
@@ -491,18 +492,16 @@ class LargestControl(NamedTuple):
     control: float = -np.inf
 
 
-@jitable
-def _slope(air, node):
-    """Slope per cell at a node of the field, by finite differences."""
-    before, after = max(node - 1, 0), min(node + 1, air.shape[0] - 1)
-    return (air[after] - air[before]) / (after - before)
-
-
 def field_at(state, air, p) -> Field:
     """The field by cubic Hermite polynomials with finite-difference slopes, held constant beyond its grid."""
+    last = air.shape[0] - 1
     node, fraction = _node((state.position - p.bottom) * p.nodes_per_unit, air.shape[0])
-    value, following = air[node] + p.mean, air[node + 1] + p.mean
-    rise, first, second = following - value, _slope(air, node), _slope(air, node + 1)
+    value, following = air[node], air[node + 1]
+    # Slopes per cell, one-sided at both ends of the grid.
+    first = (following - air[max(node - 1, 0)]) * (0.5 if node > 0 else 1.0)
+    second = (air[min(node + 2, last)] - value) * (0.5 if node + 1 < last else 1.0)
+    value, following = value + p.mean, following + p.mean
+    rise = following - value
     curved = 3.0 * rise - 2.0 * first - second + fraction * (first + second - 2.0 * rise)
     return Field(value + fraction * (first + fraction * curved))
 
@@ -540,17 +539,26 @@ DOUBLE_INTEGRATOR = Flight(
 
 
 @njit(error_model="numpy", cache=True)
-def _combined(root, drawn):
-    """Root times drawn normals, (nodes, trials), summed in the order of the normals.
+def _sample_fields(root, seed, first_trial, fields):
+    """Samples root z of the field for whole groups of trials, into fields, (nodes, trials).
 
-    Matrix products of the library depend on how many trials are multiplied.
+    The sum runs in the order of the normals: matrix products of the library depend on how many trials are multiplied.
     """
-    total = np.zeros((root.shape[0], drawn.shape[1]))
-    for node in range(root.shape[0]):
-        for number in range(root.shape[1]):
-            for trial in range(drawn.shape[1]):
-                total[node, trial] += root[node, number] * drawn[number, trial]
-    return total
+    nodes, count = root.shape
+    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+    drawn, total = lane_array(-(-count // NORMALS_PER_BLOCK) * NORMALS_PER_BLOCK), lane_array(1)
+    for first in range(0, fields.shape[1], LANES):
+        for number in range(0, count, NORMALS_PER_BLOCK):
+            block = drawn[number : number + NORMALS_PER_BLOCK]
+            fill_normals(seed, FIELD_STREAM, first_trial + first, number // NORMALS_PER_BLOCK, bits, block)
+        for node in range(nodes):
+            for lane in range(LANES):
+                total[0, lane] = 0.0
+            for number in range(count):
+                for lane in range(LANES):
+                    total[0, lane] += root[node, number] * drawn[number, lane]
+            for lane in range(LANES):
+                fields[node, first + lane] = total[0, lane]
 
 
 def fly_double_integrator(
@@ -573,15 +581,17 @@ def fly_double_integrator(
     root = np.array(field_root, dtype=float, order="C")
     if root.ndim != 2 or len(root) != len(field_grid):
         raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
-    trials = np.arange(first_trial, first_trial + len(states))
-    fields = np.ascontiguousarray(normals(seed, FIELD_STREAM, trials, root.shape[1]).T)
+    start = pad_to_groups(states.T)
+    fields = np.zeros((len(root), start.shape[1]))
+    if varied:
+        _sample_fields(root, seed, first_trial, fields)
     trajectories = DOUBLE_INTEGRATOR.fly(
         Force(float(field_grid[0]), 1.0 / spacing, float(mean)),
         schedule,
-        Point(*states.T),
+        Point(*start),
         law=law,
-        air=_combined(root, fields) if varied else np.zeros((len(root), len(states))),
+        air=fields,
         past=2 * len(law.control),
-    )
+    ).first(len(states))
     trajectories.outcome[~_finite(trajectories)] = NON_FINITE
     return trajectories

@@ -1,15 +1,15 @@
 """Monte Carlo flights of every law through the true spatial field, scattered in chunks and gathered (Sec. V.B.4)."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from marsedl.models import orbits, random_field
-from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.density import TableExits
+from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
@@ -52,30 +52,14 @@ def simulate(
     flown: Flown,
 ) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
-    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     flights = Flights(planet, air, vehicle, mission, simulation)
     lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
-    exits = TableExits(air)
-    reduced = [
-        ensembles.run_blocks(
-            exits.watching(block_simulator(flights, nominal, gains, number)),
-            first,
-            last,
-            block_size=flown.block_size,
-            histogram_edges=edges,
-            kept=min(simulation.drawn_trials, flown.trials),
-        )
-        for number in range(len(gains.control))
-    ]
-    exits.say(f"flights {first:,} to {last - 1:,}, under all laws")
-    return FlightChunk(
-        time=output_times(mission, simulation),
-        **{
-            field.name: ensembles.without_infinities(np.array([getattr(law, field.name) for law in reduced]))
-            for field in fields(ensembles.Chunk)
-        },
+    simulators = [block_simulator(flights, nominal, gains, number) for number in range(len(gains.control))]
+    reduced = flown_chunk(
+        simulators, flown, drawn=simulation.drawn_trials, exits=TableExits(air), histogram_edges=edges
     )
+    return FlightChunk(time=output_times(mission, simulation), **reduced)
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1):
@@ -124,19 +108,9 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1)
 @stage()
 def gather(planet: Planet, mission: Mission, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and compute apoapsis and delta-v of every trial."""
-    laws = range(len(chunks[0].first_trial))
-    merged = [
-        ensembles.merge(
-            [
-                ensembles.Chunk(**{f.name: getattr(chunk, f.name)[number] for f in fields(ensembles.Chunk)})
-                for chunk in chunks
-            ]
-        )
-        for number in laws
-    ]
-    joined = {field.name: np.array([getattr(law, field.name) for law in merged]) for field in fields(merged[0])}
-    apoapsis, delta_v = burns(planet, mission, joined["final_state"], joined["outcome"])
-    return FlightEnsemble(time=chunks[0].time, apoapsis=apoapsis, delta_v=delta_v, **joined)
+    merged = joined(chunks)
+    apoapsis, delta_v = burns(planet, mission, merged["final_state"], merged["outcome"])
+    return FlightEnsemble(time=chunks[0].time, apoapsis=apoapsis, delta_v=delta_v, **merged)
 
 
 def burns(planet: Planet, mission: Mission, final_state, outcome):
@@ -152,33 +126,9 @@ def burns(planet: Planet, mission: Mission, final_state, outcome):
     return apoapsis, delta_v
 
 
-def replay(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    simulation: Simulation,
-    nominal: Nominal,
-    gains: Gains,
-    *,
-    trial: Trial,
-) -> str:
-    """Fly one trial again under every law and describe it; compare it with the ensemble's if that is stored."""
-    flights, lines = Flights(planet, air, vehicle, mission, simulation), []
-    for law_number in range(len(gains.control)):
-        name = "open loop" if law_number == 0 else f"law of iteration {law_number}"
-        trajectories = ensembles.replay(block_simulator(flights, nominal, gains, law_number), trial.number)
-        end = trajectories.final_state[:, 0]
-        lines.append(f"trial {trial.number}, {name}: {OUTCOMES[int(trajectories.outcome[0])]}")
-        parts = zip(("altitude (m)", "velocity (m/s)", "flight path angle (rad)"), end[:3], strict=True)
-        lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
-        if trajectories.outcome[0] == CAPTURED:
-            exit_state = end[:3] + np.array([planet.planet_radius, 0.0, 0.0])
-            delta_v = float(orbits.total_delta_v(*exit_state, *targets(planet, mission)))
-            lines.append(f"  {'delta-v (m/s)':26}{delta_v:18.9f}")
-        if trial.stored is not None:
-            same = np.array_equal(end, trial.stored.final_state[law_number, trial.number], equal_nan=True)
-            lines.append(
-                "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
-            )
-    return "\n".join(lines)
+def replay(planet: Planet, mission: Mission, chunk: FlightChunk, *, trial: Trial) -> str:
+    """Describe a trial that was flown again under every law."""
+    laws = ["open loop", *(f"law of iteration {number}" for number in range(1, len(chunk.outcome)))]
+    delta_v = burns(planet, mission, chunk.final_state, chunk.outcome)[1]
+    further = [{"delta-v (m/s)": one} for one in delta_v[:, 0]]
+    return described(chunk, trial, OUTCOMES, laws=laws, further=further)

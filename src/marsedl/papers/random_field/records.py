@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
+from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 OPEN, CLOSED = 0, 1  # laws of the double integrator
@@ -233,69 +234,32 @@ class DoubleIntegratorFlights:
     kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", POINT_STATE), "states of the first trials")
 
 
-@record
-class Flights:
-    """What chunks and ensembles have in common; the first law is the open loop, then follow the iterations'.
-
-    State: altitude, velocity, flight path angle, density variation, dynamic pressure, commanded control. Observed:
-    commanded control and how far it lies beyond its limits (negative inside). Final state: altitude,
-    velocity, path angle, steps at the density's floor.
-    """
-
-    histogram: np.ndarray = quantity(
-        "1",
-        ("laws", "time", OBSERVED, "bins"),
-        "trials by commanded control; the first and last bin: beyond the limits",
-        "int64",
-    )
-    histogram_edges: np.ndarray = quantity("1", ("laws", OBSERVED, "edges"), "edges of the inner bins")
-    maximum_over_trials: np.ndarray = quantity(
-        "1", ("laws", "time", OBSERVED), "largest values over the trials", allow_nan=True
-    )
-    final_state: np.ndarray = quantity(FINAL.unit, ("laws", "trials", FINAL), "state at the end", allow_nan=True)
-    observed_maximum: np.ndarray = quantity(
-        "1", ("laws", "trials", OBSERVED), "largest commanded control and excess over the limits", allow_nan=True
-    )
-    outcome: np.ndarray = quantity(
-        "1", ("laws", "trials"), "0 captured, 1 below the ground, 2 hyperbolic, 3 not finite, 4 not exited", "int8"
-    )
-    kept_history: np.ndarray = quantity(
-        STATE.unit, ("laws", "kept", "time", STATE), "states of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity("1", ("laws", "kept", "time", OBSERVED), "observed of them", allow_nan=True)
+_flown = along(
+    state=STATE,
+    observed=OBSERVED,
+    final=FINAL,
+    per=("laws",),  # the first law is the open loop, then follow the iterations'
+    outcome="0 captured, 1 below the ground, 2 hyperbolic, 3 not finite, 4 not exited",
+    histogram="trials by commanded control; the first and last bin: beyond the limits",
+    observed_maximum="largest commanded control and excess over the limits",  # negative inside
+    kept_observed="observed of them",
+    block_observed_mean="mean of the observed quantities",
+    observed_mean="mean of the observed quantities",
+)
 
 
-@record
-class FlightChunk(Flights):
+@_flown
+class FlightChunk(Chunk):
     """Reduced trials of one chunk, block by block."""
 
     time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
-    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
-    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
-    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE.unit, ("laws", "blocks", "time", STATE), "mean state of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("laws", "blocks", "time", STATE, STATE), "second moment about that mean"
-    )
-    block_observed_mean: np.ndarray = quantity(
-        "1", ("laws", "blocks", "time", OBSERVED), "mean of the observed quantities"
-    )
 
 
-@record
-class FlightEnsemble(Flights):
+@_flown
+class FlightEnsemble(Ensemble):
     """All trials of the aerocapture under all laws, every law with the same density variations."""
 
     time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
-    flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
-    count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
-    excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
-    mean: np.ndarray = quantity(STATE.unit, ("laws", "time", STATE), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("laws", "time", STATE, STATE), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity(
-        "1", ("laws", "time", OBSERVED), "mean of the observed quantities", allow_nan=True
-    )
     apoapsis: np.ndarray = quantity(
         "1", ("laws", "trials"), "exit apoapsis, planet radii; NaN if lost", allow_nan=True, label="exit apoapsis"
     )

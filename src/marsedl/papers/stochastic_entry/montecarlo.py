@@ -1,27 +1,22 @@
 """Monte Carlo flights of both laws to both triggers, scattered in chunks and gathered (Sec. V, Tables 3 and 4)."""
 
 from collections.abc import Callable
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo import ensembles
 from marsedl.papers.density import TableExits
+from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
 from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.records import (
-    END_TIME,
     OUTCOMES,
-    REVERSALS,
     FlightChunk,
     FlightEnsemble,
     Gains,
     Linearization,
     Nominal,
-    StreamedFlightChunk,
-    StreamedFlightEnsemble,
 )
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -64,29 +59,18 @@ def simulate(
 
     The case is law and trigger, such as "apollo_velocity".
     """
-    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
-    edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
     flights = Flights(planet, air, vehicle, mission, guidance, simulation)
-    exits = TableExits(air)
-    reduced = ensembles.run_blocks(
-        exits.watching(block_simulator(flights, nominal, linearization, gains, flown.case)),
-        first,
-        last,
-        block_size=flown.block_size,
+    edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
+    reduced = flown_chunk(
+        block_simulator(flights, nominal, linearization, gains, flown.case),
+        flown,
+        drawn=simulation.drawn_trials,
+        exits=TableExits(air),
         histogram_edges=np.array([edges, edges]),
-        kept=min(simulation.drawn_trials, flown.trials),
-        trials=flown.trials,
-        # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
-        centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
-    exits.say(f"flights {first:,} to {last - 1:,}")
     end = end_of(mission, nominal, flown.case)
-    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
-    return kind(
-        time=flight.outputs(end.time, guidance.guidance_period, end.trigger),
-        nominal_final=nominal_final(nominal),
-        **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)},
-    )
+    time = flight.outputs(end.time, guidance.guidance_period, end.trigger)
+    return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 
 def block_simulator(
@@ -127,14 +111,8 @@ def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
 @stage()
 def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    large = isinstance(chunks[0], StreamedFlightChunk)
-    kind = ensembles.StreamedChunk if large else ensembles.Chunk
-    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
-    return (StreamedFlightEnsemble if large else FlightEnsemble)(
-        time=chunks[0].time,
-        nominal_final=chunks[0].nominal_final,
-        **{field.name: getattr(merged, field.name) for field in fields(merged)},
-    )
+    merged = joined(chunks)
+    return FlightEnsemble(time=chunks[0].time, nominal_final=chunks[0].nominal_final, **merged)
 
 
 def nominal_final(nominal):
@@ -143,38 +121,6 @@ def nominal_final(nominal):
     return np.array([getattr(nominal, name)[-1] for name in names])
 
 
-def replay(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    *,
-    trial: Trial,
-) -> str:
-    """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    flights = Flights(planet, air, vehicle, mission, guidance, simulation)
-    simulate_block = block_simulator(flights, nominal, linearization, gains, trial.case)
-    again = ensembles.replay(simulate_block, trial.number)
-    names = (
-        "altitude (m)",
-        "velocity (m/s)",
-        "flight path angle (rad)",
-        "downrange (m)",
-        "density (kg/m^3)",
-        "crossrange (m)",
-    )
-    lines = [f"trial {trial.number} of {trial.case}: {OUTCOMES[int(again.outcome[0])]}"]
-    start, end = again.history[0, :, 0], again.final_state[:, 0]
-    lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start[:6], end[:6], strict=True)]
-    lines.append(f"  end time                  {end[END_TIME]:18.9f} s, {int(end[REVERSALS])} bank reversals")
-    if trial.stored is not None:
-        same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)
-        lines.append(
-            "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
-        )
-    return "\n".join(lines)
+def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+    """Describe a trial that was flown again."""
+    return described(chunk, trial, OUTCOMES)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers import streamed
+from marsedl.papers.ensembles import Chunk, Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 TRIGGERS = ("time", "velocity")
@@ -196,86 +196,41 @@ class Tradeoff:
     noise_deviation: float = quantity("m", (), "deviation from noise after the last control")
 
 
-@record
-class Flights:
-    """What chunks and ensembles have in common.
-
-    State: altitude, velocity, flight path angle, downrange, density, crossrange, commanded bank cosine. Final state:
-    the first six of them, then end time, bank reversals, tabulated densities that were set to zero.
-    """
-
-    histogram: np.ndarray = quantity(
-        "1", ("time", OBSERVED_BANK, "bins"), "trials by bank angle and its change", "int64"
-    )
-    histogram_edges: np.ndarray = quantity(
-        OBSERVED_BANK.unit, (OBSERVED_BANK, "edges"), "edges of the histogram's inner bins"
-    )
-    maximum_over_trials: np.ndarray = quantity(
-        OBSERVED_BANK.unit, ("time", OBSERVED_BANK), "largest values over the trials", allow_nan=True
-    )
-    final_state: np.ndarray = quantity(
-        FINAL_STATE.unit, ("trials", FINAL_STATE), "state at the end of the flight", allow_nan=True
-    )
-    observed_maximum: np.ndarray = quantity(
-        OBSERVED_BANK.unit,
-        ("trials", OBSERVED_BANK),
-        "largest bank angle and largest change of it in a guidance period",
-        allow_nan=True,
-    )
-    outcome: np.ndarray = quantity(
-        "1", ("trials",), "0 completed, 1 below the ground, 2 trigger not reached, 3 not finite", "int8"
-    )
-    kept_history: np.ndarray = quantity(
-        FLIGHT_STATE.unit, ("kept", "time", FLIGHT_STATE), "state of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity(
-        OBSERVED_BANK.unit, ("kept", "time", OBSERVED_BANK), "bank angle and its change", allow_nan=True
-    )
+_flown = along(
+    state=FLIGHT_STATE,
+    observed=OBSERVED_BANK,
+    final=FINAL_STATE,
+    outcome="0 completed, 1 below the ground, 2 trigger not reached, 3 not finite",
+    histogram="trials by bank angle and its change",
+    histogram_edges="edges of the histogram's inner bins",
+    final_state="state at the end of the flight",
+    observed_maximum="largest bank angle and largest change of it in a guidance period",
+    kept_history="state of the kept trials",
+    kept_observed="bank angle and its change",
+    block_second_moment="second moment about the block's mean",
+    block_observed_mean="mean of the observed quantities",
+    observed_mean="mean of the observed quantities",
+    flying="trials still flying, over which the moments are taken",
+    excluded="trials left out of the moments because they are not finite",
+)
 
 
 @record
-class FlightChunk(Flights):
+class Timed:
+    """What chunks and ensembles have besides."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from entry interface", label="time from entry")
+    nominal_final: np.ndarray = quantity(NOMINAL_FINAL.unit, (NOMINAL_FINAL,), "end of the nominal flight")
+
+
+@_flown
+class FlightChunk(Timed, Chunk):
     """Reduced trials of one chunk, block by block."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from entry interface", label="time from entry")
-    nominal_final: np.ndarray = quantity(NOMINAL_FINAL.unit, (NOMINAL_FINAL,), "end of the nominal flight")
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(FLIGHT_STATE.unit, ("blocks", "time", FLIGHT_STATE), "mean state of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("blocks", "time", FLIGHT_STATE, FLIGHT_STATE), "second moment about the block's mean"
-    )
-    block_observed_mean: np.ndarray = quantity(
-        OBSERVED_BANK.unit, ("blocks", "time", OBSERVED_BANK), "mean of the observed quantities"
-    )
 
-
-@record
-class FlightEnsemble(Flights):
+@_flown
+class FlightEnsemble(Timed, Ensemble):
     """All trials of one Monte Carlo case."""
-
-    time: np.ndarray = quantity("s", ("time",), "time from entry interface", label="time from entry")
-    flying: np.ndarray = quantity("1", ("time",), "trials still flying, over which the moments are taken", "int64")
-    nominal_final: np.ndarray = quantity(NOMINAL_FINAL.unit, (NOMINAL_FINAL,), "end of the nominal flight")
-    count: int = quantity("1", (), "trials in the moments")
-    excluded: int = quantity("1", (), "trials left out of the moments because they are not finite")
-    mean: np.ndarray = quantity(FLIGHT_STATE.unit, ("time", FLIGHT_STATE), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("time", FLIGHT_STATE, FLIGHT_STATE), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity(
-        OBSERVED_BANK.unit, ("time", OBSERVED_BANK), "mean of the observed quantities", allow_nan=True
-    )
-
-
-@record
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@record
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
 
 
 def by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity):
@@ -284,8 +239,5 @@ def by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity):
 
 
 def errors(ensemble, trials=None):
-    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5).
-
-    Of a streamed ensemble they are those of its first trials.
-    """
+    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5)."""
     return ensemble.final_state[:trials, :5] - ensemble.nominal_final[:5]

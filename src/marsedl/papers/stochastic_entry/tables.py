@@ -3,7 +3,6 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import percentile_spread
-from marsedl.montecarlo.streaming import outcome_count
 from marsedl.papers.stochastic_entry import dispersions
 from marsedl.papers.stochastic_entry.claims.measures import (
     FEASIBLE,
@@ -201,7 +200,7 @@ def endings(
         (
             *_law_and_trigger(case),
             ensemble.count + ensemble.excluded,
-            *(outcome_count(ensemble, code) for code in OUTCOMES),
+            *(np.count_nonzero(ensemble.outcome == code) for code in OUTCOMES),
             *_range_errors(errors(ensemble)[finite(ensemble), DOWNRANGE]),
         )
         for case, ensemble in flights.items()

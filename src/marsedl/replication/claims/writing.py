@@ -6,9 +6,9 @@ decorator says what is fixed beforehand, what it returns says what was measured 
 
     @claim(errata="E10")
     def mc_mass_above_prior(nominal: Nominal, closed_loop: Largest[FlightEnsemble]):
-        mass = FinalMoments(closed_loop, MASS)
-        error = mean_standard_error(mass.variance, mass.count)
-        return holds(measure("mean minus prior mass", mass.mean - nominal.mass[-1], "kg") > 3 * error)
+        mass = closed_loop.final_state[:, MASS]
+        error = mean_standard_error(variance(mass), len(mass))
+        return holds(measure("mean minus prior mass", mass.mean() - nominal.mass[-1], "kg") > 3 * error)
 
 - A sampled measure carries its standard error, `measure(name, value, unit, error=...)`: within three of them of its
   limit it is undetermined. A limit of words (`VISIBLE`, `1.0 - MUCH`, see `thresholds`) is varied by a factor of two.

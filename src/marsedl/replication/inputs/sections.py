@@ -36,7 +36,7 @@ Number = typing.Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = typing.Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 NonNegative = typing.Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
 Fraction = typing.Annotated[float, Strict(), Field(gt=0, lt=1)]
-Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]  # of flights in constant memory
+Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]  # of flights
 CountOrNone = typing.Annotated[int, Strict(), Field(ge=0, le=1_000_000_000)]
 Sign = typing.Literal[-1, 1]
 Seed = typing.Annotated[int, Strict(), Field(ge=0, lt=2**63)]

@@ -198,5 +198,6 @@ def replay(folder: Path, paper: Paper, study: "Study", reading: str, trial: tupl
     ensemble = load(f"{FLIGHTS}.{case}", record_type([entry_of(paper.slug, FLIGHTS, "gather")]), required=False)
     if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
         ensemble = None
-    function = function_of(entry_of(paper.slug, FLIGHTS, "replay"))
-    return Arguments(inputs.plain(), load).call(function, trial=Trial(case, number, ensemble))
+    simulate, describe = (function_of(entry_of(paper.slug, FLIGHTS, name)) for name in ("simulate", "replay"))
+    given, trial = Arguments(inputs.plain(), load), Trial(case, number, ensemble)
+    return given.call(describe, chunk=given.call(simulate, flown=trial.flown), trial=trial)

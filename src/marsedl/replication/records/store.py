@@ -70,7 +70,7 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
 
 
 def load(path: str | Path, artifact_type: type, *, paper: str | None = None, reading: str | None = None) -> Any:
-    """Read an artifact of a type, or of a direct subclass of it, back; its arrays are read-only.
+    """Read an artifact of a type back; its arrays are read-only.
 
     paper, reading: whose it must be (None: anyone's)
 
@@ -78,17 +78,15 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     reading or layout.
     """
     with opened(path) as file:
-        subclasses = {kind.__name__: kind for kind in artifact_type.__subclasses__()}
-        kind = subclasses.get(file.attrs["artifact"], artifact_type)
-        declared = quantities(kind)
-        _check_owner(path, file, artifact=kind.__name__, paper=paper, reading=reading)
-        if file.attrs["format"] != FORMAT or file.attrs["schema"] != schema_digest(kind):
+        declared = quantities(artifact_type)
+        _check_owner(path, file, artifact=artifact_type.__name__, paper=paper, reading=reading)
+        if file.attrs["format"] != FORMAT or file.attrs["schema"] != schema_digest(artifact_type):
             missing = ", ".join(name for name in sorted(declared) if not holds_field(file, name))
             hint = f" (it lacks {missing})" if missing else ""
             raise _refusal(path, f"was written by another version, whose fields differ from today's{hint}")
         texts = {name for name in declared if declared[name].dtype == "str"}
         arrays = {name: np.asarray((file[name].asstr() if name in texts else file[name])[()]) for name in declared}
-    return _of_arrays(kind, arrays | {name: _as_declared(arrays[name], "str") for name in texts})
+    return _of_arrays(artifact_type, arrays | {name: _as_declared(arrays[name], "str") for name in texts})
 
 
 def as_loaded(artifact: Any) -> Any:

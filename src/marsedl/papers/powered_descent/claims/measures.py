@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.streaming import FinalMoments
+from marsedl.montecarlo.statistics import covariance as covariance_of
+from marsedl.montecarlo.statistics import variance
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import FlightEnsemble
 from marsedl.replication.pipeline.injection import Largest
@@ -28,8 +29,8 @@ class FinalMass(NamedTuple):
 
 def final_mass(closed_loop: Largest[FlightEnsemble]) -> FinalMass:
     """Moments of the final mass."""
-    mass = FinalMoments(closed_loop, MASS)
-    return FinalMass(mass.mean, mass.variance, mass.count)
+    mass = closed_loop.final_state[:, MASS]
+    return FinalMass(mass.mean(), variance(mass), len(mass))
 
 
 class Misses(NamedTuple):
@@ -53,8 +54,8 @@ def final_misses(mission: Mission, closed_loop: Largest[FlightEnsemble]) -> Fina
 
 def misses_at_the_end(ensemble: FlightEnsemble, mission: Mission):
     """By how much the final states of an ensemble miss the final target, `Misses`."""
-    state = FinalMoments(ensemble, MOTION_PART)
-    return misses((state.mean, state.covariance, state.count), mission.final_mean, mission.final_covariance)
+    state = ensemble.final_state[:, MOTION_PART]
+    return misses((state.mean(axis=0), covariance_of(state), len(state)), mission.final_mean, mission.final_covariance)
 
 
 def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:

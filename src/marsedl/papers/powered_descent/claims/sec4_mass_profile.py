@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.montecarlo.streaming import FinalMoments
+from marsedl.montecarlo.statistics import covariance, variance
 from marsedl.papers.powered_descent.claims.measures import MOTION_PART, freedom
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import FlightEnsemble, Nominal
@@ -27,16 +27,17 @@ def mass_iteration_converges(nominal: Nominal):
 @claim(counterexample=spread("closed_loop.final_state", component="altitude"))
 def prior_mass_sufficient(mission: Mission, closed_loop: Largest[FlightEnsemble], prior_mass: Largest[FlightEnsemble]):
     # What the fixed profile costs: the same trials with the same noise, with the mass as it flows and as it is assumed.
-    true_mass, assumed_mass = FinalMoments(closed_loop, MOTION_PART), FinalMoments(prior_mass, MOTION_PART)
+    true_mass, assumed_mass = closed_loop.final_state[:, MOTION_PART], prior_mass.final_state[:, MOTION_PART]
     scale = np.sqrt(np.diag(mission.final_covariance))
-    product, trials = np.outer(scale, scale), min(true_mass.count, assumed_mass.count)
-    variances = np.outer(assumed_mass.variance, assumed_mass.variance)
+    product, trials = np.outer(scale, scale), min(len(true_mass), len(assumed_mass))
+    assumed_covariance, assumed_variance = covariance(assumed_mass), variance(assumed_mass)
+    variances = np.outer(assumed_variance, assumed_variance)
     # As if the two ensembles were independent: their common noise makes the errors smaller.
-    mean_error = np.sqrt(2 * assumed_mass.variance / trials) / scale
-    error = np.sqrt(2 * (assumed_mass.covariance**2 + variances) / freedom(trials)) / product
+    mean_error = np.sqrt(2 * assumed_variance / trials) / scale
+    error = np.sqrt(2 * (assumed_covariance**2 + variances) / freedom(trials)) / product
     shift, change = (
-        np.abs(true_mass.mean - assumed_mass.mean) / scale,
-        np.abs(true_mass.covariance - assumed_mass.covariance) / product,
+        np.abs(true_mass.mean(axis=0) - assumed_mass.mean(axis=0)) / scale,
+        np.abs(covariance(true_mass) - assumed_covariance) / product,
     )
     subject = "shift of the final mean by the mass that flows"
     return holds(

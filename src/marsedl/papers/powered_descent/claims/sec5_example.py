@@ -6,8 +6,7 @@ import numpy as np
 
 from marsedl.models.dynamics.powered_descent import mass_flow_constant
 from marsedl.montecarlo.outcomes import CRASHED
-from marsedl.montecarlo.statistics import mean_standard_error
-from marsedl.montecarlo.streaming import FinalMoments, observed_maxima, outcome_count
+from marsedl.montecarlo.statistics import covariance, covariance_standard_errors, mean_standard_error, variance
 from marsedl.papers.powered_descent.claims.measures import (
     MASS,
     MOTION_PART,
@@ -60,8 +59,9 @@ def compute_effort():
     counterexample=shifted("closed_loop.final_state", component="altitude"),
 )
 def mc_final_mean(closed_loop: Largest[FlightEnsemble]):
-    state = FinalMoments(closed_loop, MOTION_PART)
-    return measured(state.mean, mean_standard_error(state.variance, state.count), state.count, _lost(closed_loop))
+    state = closed_loop.final_state[:, MOTION_PART]
+    error = mean_standard_error(variance(state), len(state))
+    return measured(state.mean(axis=0), error, len(state), _lost(closed_loop))
 
 
 @claim(
@@ -84,12 +84,13 @@ def mc_final_mean(closed_loop: Largest[FlightEnsemble]):
     counterexample=spread("closed_loop.final_state", component="downrange"),
 )
 def final_covariance(closed_loop: Largest[FlightEnsemble], *, entries):
-    state = FinalMoments(closed_loop, MOTION_PART)
-    return measured(state.covariance[entries], state.covariance_errors[entries], state.count, _lost(closed_loop))
+    state = closed_loop.final_state[:, MOTION_PART]
+    value, error = covariance(state)[entries], covariance_standard_errors(state)[entries]
+    return measured(value, error, len(state), _lost(closed_loop))
 
 
 def _lost(ensemble):
-    return f"{ensemble.excluded} trials not finite, {outcome_count(ensemble, CRASHED)} below the ground"
+    return f"{ensemble.excluded} trials not finite, {np.count_nonzero(ensemble.outcome == CRASHED)} below the ground"
 
 
 @claim(
@@ -217,10 +218,10 @@ def segment2_depends_on_intermediate(
 
 @claim(counterexample=shifted("open_loop.final_state", component="altitude"))
 def open_loop_mean_equals_closed_loop_mean(closed_loop: Largest[FlightEnsemble], open_loop: Largest[FlightEnsemble]):
-    closed, without = FinalMoments(closed_loop, MOTION_PART), FinalMoments(open_loop, MOTION_PART)
-    deviation = without.population_deviation if without.count > 1 else np.nan
-    difference = np.abs(without.mean - closed.mean) / deviation
-    error = np.sqrt(1 / without.count + closed.variance / without.variance / closed.count)
+    closed, without = closed_loop.final_state[:, MOTION_PART], open_loop.final_state[:, MOTION_PART]
+    deviation = without.std(axis=0) if len(without) > 1 else np.nan
+    difference = np.abs(without.mean(axis=0) - closed.mean(axis=0)) / deviation
+    error = np.sqrt(1 / len(without) + variance(closed) / variance(without) / len(closed))
     subject = "difference of the final means"
     return holds(
         measure(subject, difference, "open-loop standard deviations", error=error) < CLOSE, trials=open_loop.count
@@ -237,15 +238,14 @@ def _switch(ensemble):
 
 @claim(by_construction="the mass flows with the command alone, which is one for all flights without feedback")
 def mass_variation_from_feedback_only(closed_loop: Largest[FlightEnsemble], open_loop: FlightEnsemble):
-    closed, without = FinalMoments(closed_loop, MASS), FinalMoments(open_loop, MASS)
-    if not np.isfinite(closed.mean + without.mean):
+    closed, without = closed_loop.final_state[:, MASS], open_loop.final_state[:, MASS]
+    if not np.isfinite(closed.mean() + without.mean()):
         return Evaluation(
             True, evidence=_lost(closed_loop), doubts=[Doubt(why="flights that are not finite have no mass")]
         )
     return holds(
-        measure("standard deviation of the final mass open loop", without.population_deviation, "kg")
-        < 1e-9 * abs(closed.mean),
-        measure("the same in closed loop", closed.population_deviation, "kg") > 1e-6 * abs(closed.mean),
+        measure("standard deviation of the final mass open loop", without.std(), "kg") < 1e-9 * abs(closed.mean()),
+        measure("the same in closed loop", closed.std(), "kg") > 1e-6 * abs(closed.mean()),
     )
 
 
@@ -288,8 +288,8 @@ def max_thrust_not_exceeded(
 ):
     all_trials = closed_loop_large or closed_loop
     trials = all_trials.count + all_trials.excluded
-    largest = observed_maxima(closed_loop, THRUST).max() / vehicle.maximum_thrust
-    over_all = observed_maxima(all_trials, THRUST).max() / vehicle.maximum_thrust
+    largest = closed_loop.observed_maximum[:, THRUST].max() / vehicle.maximum_thrust
+    over_all = all_trials.observed_maximum[:, THRUST].max() / vehicle.maximum_thrust
     return holds(
         measure(f"largest control of {trials:,} flights, of the maximum thrust", over_all) < 1,
         f"{largest:.4f} in {closed_loop.count:,} flights",

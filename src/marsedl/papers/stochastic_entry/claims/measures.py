@@ -4,7 +4,6 @@ import numpy as np
 
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
-from marsedl.montecarlo.streaming import final_extremes, final_percentile, is_streamed, outcome_count
 from marsedl.papers.stochastic_entry.inputs import Design, Mission, Planet
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
@@ -94,13 +93,13 @@ def mirrored(tail: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarra
 
 
 def finite(ensemble: FlightEnsemble) -> np.ndarray:
-    """Which trials are finite, (trials,) bool; of a streamed ensemble those of the first."""
+    """Which trials are finite, (trials,) bool."""
     return ensemble.outcome != NON_FINITE
 
 
 def finite_count(ensemble: FlightEnsemble) -> int:
     """How many of all trials are finite."""
-    return ensemble.count if is_streamed(ensemble) else int(finite(ensemble).sum())
+    return int(finite(ensemble).sum())
 
 
 def final_percentiles(ensemble: FlightEnsemble, trials: int | None = None, index=None) -> dict:
@@ -110,12 +109,6 @@ def final_percentiles(ensemble: FlightEnsemble, trials: int | None = None, index
     finite.
     """
     states, percentiles = [row[0] for row in ROWS] if index is None else index, {}
-    if is_streamed(ensemble) and trials is None:
-        for state in states:
-            reference = ensemble.nominal_final[state]
-            pairs = [final_percentile(ensemble, state, level, reference) for level in LEVELS]
-            percentiles[state] = tuple(map(np.array, zip(*pairs, strict=True)))
-        return percentiles
     error = errors(ensemble, trials)[finite(ensemble)[:trials]]
     for state in states:
         if len(error) < 2:
@@ -164,21 +157,18 @@ def ratio_of(stochastic: tuple, apollo: tuple, side: int) -> tuple[float, float]
 def outcomes(ensemble: FlightEnsemble) -> str:
     """How many trials ended otherwise than they should, in words; empty if none did."""
     names = {CRASHED: "below the ground", ESCAPED: "trigger not reached", NON_FINITE: "not finite"}
-    counts = {text: outcome_count(ensemble, code) for code, text in names.items()}
+    counts = {text: np.count_nonzero(ensemble.outcome == code) for code, text in names.items()}
     return ", ".join(f"{count:,} {text}" for text, count in counts.items() if count)
 
 
 def velocity_errors(mission: Mission, ensemble: FlightEnsemble) -> np.ndarray:
-    """Distances from the velocity of the trigger of all finite trials, or the largest; empty without any."""
-    if is_streamed(ensemble):
-        ends = final_extremes(ensemble, VELOCITY)
-        return np.abs(ends[np.isfinite(ends)] - mission.end_velocity)
+    """Distances from the velocity of the trigger of all finite trials; empty without any."""
     return np.abs(ensemble.final_state[finite(ensemble), VELOCITY] - mission.end_velocity)
 
 
 def crossrange_interval(ensemble: FlightEnsemble) -> tuple[float, float]:
     """Distance between the 1st and 99th percentile of the final crossrange and its standard error, m."""
-    ends = [final_percentile(ensemble, CROSSRANGE, level) for level in LEVELS]
+    ends = [percentile(ensemble.final_state[finite(ensemble), CROSSRANGE], level) for level in LEVELS]
     return float(ends[1][0] - ends[0][0]), float(np.hypot(ends[0][1], ends[1][1]))
 
 

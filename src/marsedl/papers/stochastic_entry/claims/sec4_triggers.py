@@ -6,7 +6,6 @@ import numpy as np
 
 from marsedl.methods.state_trigger import trigger_time_variance
 from marsedl.montecarlo.outcomes import COMPLETED
-from marsedl.montecarlo.streaming import is_streamed
 from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, LAW_NAMES, LAWS, Flights
 from marsedl.papers.stochastic_entry.inputs import Planet
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
@@ -64,11 +63,6 @@ def at_triggers(planet: Planet, linearization: Linearization, flights: Flights) 
     return result
 
 
-def _of_the_first(flights):
-    ensemble = flights["apollo_velocity"]
-    return [f"ends are those of the first {len(ensemble.outcome):,} trials"] if is_streamed(ensemble) else []
-
-
 def _trigger_times(flights, trigger, law):
     """Times at which the trigger fired, s, (trials,)."""
     return flights[f"{law}_velocity"].final_state[trigger.ended, END_TIME]
@@ -86,7 +80,7 @@ def trigger_time_gaussian(flights: Flights, at_trigger: AtTriggers):
         distance = np.abs(ndtr(ordered) - ranks + 0.5 / len(ordered)).max()
         subject = f"{LAW_NAMES[law]} law: largest distance of the distribution of end times from the normal one"
         parts.append(measure(subject, 100 * distance, "%", error=50 / np.sqrt(len(time))) < 100 * CLOSE)
-    return holds(*parts, *_of_the_first(flights), trials=flights["apollo_velocity"].count)
+    return holds(*parts, trials=flights["apollo_velocity"].count)
 
 
 @claim(
@@ -113,7 +107,7 @@ def trigger_time_statistics(nominal: Nominal, linearization: Linearization, flig
             measure("relative error of the predicted deviation", abs(ratio - 1.0), error=1 / np.sqrt(2 * count))
             < ABOUT,
         ]
-    return holds(*parts, *_of_the_first(flights), trials=flights["apollo_velocity"].count, **numbers)
+    return holds(*parts, trials=flights["apollo_velocity"].count, **numbers)
 
 
 @claim(
@@ -131,7 +125,7 @@ def trigger_mean(linearization: Linearization, flights: Flights, at_trigger: AtT
         off, sampling = np.abs(offset - shift) / spread_of_ends, 1 / np.sqrt(len(error))
         subject = f"{LAW_NAMES[law]} law: error of the predicted means"
         parts.append(measure(subject, off, "deviations", error=sampling) < ABOUT)
-    return holds(*parts, *_of_the_first(flights), trials=flights["apollo_velocity"].count, **numbers)
+    return holds(*parts, trials=flights["apollo_velocity"].count, **numbers)
 
 
 @claim(
@@ -150,7 +144,7 @@ def trigger_covariance(linearization: Linearization, flights: Flights, at_trigge
         off, sampling = np.abs(deviation / expected - 1.0), deviation / expected / np.sqrt(2 * len(error))
         subject = f"{LAW_NAMES[law]} law: relative error of the deviations that Eq. 65 predicts"
         parts.append(measure(subject, off, error=sampling) < ABOUT)
-    return holds(*parts, *_of_the_first(flights), trials=flights["apollo_velocity"].count, **numbers)
+    return holds(*parts, trials=flights["apollo_velocity"].count, **numbers)
 
 
 def _ends(flights, trigger, law):

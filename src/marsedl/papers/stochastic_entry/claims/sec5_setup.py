@@ -3,7 +3,6 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import wishart_deviance
-from marsedl.montecarlo.streaming import observed_maxima
 from marsedl.papers.stochastic_entry import dispersions
 from marsedl.papers.stochastic_entry.claims.measures import DEADBAND, Flights, crossrange_of_azimuth
 from marsedl.papers.stochastic_entry.inputs import Guidance, Mission, Planet, Vehicle
@@ -91,7 +90,7 @@ def nominal_uprange(nominal: Nominal):
 
 @claim("With Eq. 71 corrected.", errata="E6", by_construction="the flights limit the rate")
 def bank_rate_respected(guidance: Guidance, nominal: Nominal, flights: Flights):
-    changes = [np.nanmax(observed_maxima(ensemble, BANK_CHANGE), initial=0.0) for ensemble in flights.values()]
+    changes = [np.nanmax(ensemble.observed_maximum[:, BANK_CHANGE], initial=0.0) for ensemble in flights.values()]
     steps = np.abs(np.diff(nominal.bank)).max()
     allowed = np.degrees(guidance.bank_rate_limit * guidance.guidance_period)
     return holds(

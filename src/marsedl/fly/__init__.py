@@ -1,0 +1,79 @@
+"""Fly your own law on your own vehicle: declare both, their errors and a trigger; get labelled flights.
+
+`fly` is the front door of `montecarlo.flights`, the engine. Nothing is compiled before it is called.
+"""
+
+from marsedl.fly.campaign import Campaign
+from marsedl.fly.declared import MARS, Exponential, Markov, MultivariateNormal, Normal, Planet, Table, Uniform
+from marsedl.fly.flights import Flights, OneFlight
+from marsedl.fly.laws import Above, Below, GainTable
+from marsedl.fly.vehicles import Entry, Lander, Model
+
+__all__ = [
+    "MARS",
+    "Above",
+    "Below",
+    "Entry",
+    "Exponential",
+    "Flights",
+    "GainTable",
+    "Lander",
+    "Markov",
+    "Model",
+    "MultivariateNormal",
+    "Normal",
+    "OneFlight",
+    "Planet",
+    "Table",
+    "Uniform",
+    "fly",
+]
+
+
+def fly(
+    flies,
+    start,
+    *,
+    law=None,
+    trigger=None,
+    end_time,
+    period=1.0,
+    substeps=4,
+    history=None,
+    trials=1000,
+    seed=0,
+    processes=1,
+    progress=None,
+) -> Flights:
+    """Fly trials of a vehicle, each with its own start, vehicle, air and noise.
+
+    Trial i is the same to the last bit whether it is flown alone, with others, in threads or in processes, as its
+    random numbers are a function of (seed, i). Those of a quantity stay the same whatever else is dispersed.
+
+    Args:
+        flies: `Entry`, `Lander`, `Model`, or a `montecarlo.flights.Flight`.
+        start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
+            `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
+        law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
+            as `velocity` or `range`, for `time`, `sensed` (all of it) and `law` (parameters: the argument's default, or
+            those of `functools.partial`), and returns the command. With a memory it is annotated
+            `-> tuple[Command, Memory]`, both NamedTuples, as `guide` of the engine. Or a `GainTable`, or a constant.
+        trigger: `Below` or `Above` for a quantity of the state, or a function of (state, p) annotated to return a
+            float, whose zero is found, or a bool.
+        end_time: s, at which flights end that no trigger has ended.
+        period: of the guidance, s. substeps: integration steps in it.
+        history: seconds from one stored state to the next; by default ends alone are stored.
+        trials: how many. seed: of all random numbers.
+        processes: started by spawn; each flies in its share of the threads. A script then needs
+            `if __name__ == "__main__":`.
+        progress: whether to show how much is flown; by default in a terminal.
+
+    Returns:
+        `Flights`.
+
+    Raises:
+        ValueError: with one sentence on what is wrong: a name, a suffix, a number, a law, a trigger.
+        TypeError: for a function that numba cannot compile.
+    """
+    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed)
+    return Flights.flown(campaign, trials, processes, progress)

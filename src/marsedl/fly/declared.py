@@ -1,0 +1,266 @@
+"""What a user declares of flights: dispersions, planet and air, each with its checks; and quantities by name."""
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.models.density_table import physical_table, read_density_table
+
+__all__ = ["MARS", "Exponential", "Markov", "MultivariateNormal", "Normal", "Planet", "Table", "Uniform"]
+
+_SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
+
+
+# ---- quantities by name ----------------------------------------------------------------------------------------------
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the remedy for an unknown name: the nearest known one, and all of them."""
+    known = list(known)
+    near = difflib.get_close_matches(name, known, 1)
+    return f"{f'did you mean {near[0]!r}? ' if near else ''}There are: {', '.join(known)}"
+
+
+def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]:
+    """Name and SI factor of a quantity, which may have a suffix of unit: `altitude_km`, `flight_path_angle_deg`.
+
+    Args:
+        name: as the user writes it. units: known quantities and their units. what: kind of quantity, for messages.
+
+    Returns:
+        Tuple of the known name and the factor from the unit of the suffix to SI.
+
+    Raises:
+        ValueError: for an unknown name, or a suffix that does not fit the unit.
+    """
+    if name in units:
+        return name, 1.0
+    for suffix, (unit, factor) in _SUFFIXES.items():
+        base = name.removesuffix(suffix)
+        if base != name and base in units:
+            if units[base] != unit:
+                fitting = [f"{base}{other}" for other, (of, _) in _SUFFIXES.items() if of == units[base]]
+                raise ValueError(
+                    f"{what} {name!r}: {base} is in {units[base] or 'a unit that is not declared'}, not in a unit of "
+                    f"{suffix}; write {' or '.join([repr(base), *map(repr, fitting)])}"
+                )
+            return base, factor
+    raise ValueError(f"{what} {name!r} is unknown; {nearest(name, units)}")
+
+
+# ---- dispersions -----------------------------------------------------------------------------------------------------
+
+
+class Normal(NamedTuple):
+    """A normally distributed number."""
+
+    mean: float
+    deviation: float
+
+    def of_normals(self, z):
+        """Numbers made of standard normals."""
+        return self.mean + self.deviation * z
+
+
+class Uniform(NamedTuple):
+    """A number that is uniformly distributed between two bounds."""
+
+    low: float
+    high: float
+
+    @property
+    def mean(self):
+        """The middle."""
+        return 0.5 * (self.low + self.high)
+
+    def of_normals(self, z):
+        """Numbers made of standard normals, by their distribution function."""
+        from scipy.special import ndtr
+
+        return self.low + (self.high - self.low) * ndtr(z)
+
+
+class MultivariateNormal(NamedTuple):
+    """Numbers that are normally distributed together: means (n,), covariance (n, n)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class Declared(NamedTuple):
+    """Numbers of a flight by name, some dispersed; normal number i of a trial belongs to name i, dispersed or not.
+
+    So a dispersion that is added leaves all others as they are.
+    """
+
+    names: tuple[str, ...]
+    means: tuple[float, ...]
+    single: tuple[tuple[int, Normal | Uniform, float], ...]  # place, distribution, SI factor
+    joint: tuple[tuple[tuple[int, ...], np.ndarray], ...]  # places, root of the covariance
+
+    def sample(self, seed, stream, trials):
+        """Values (names, trials) of these trials."""
+        from marsedl.montecarlo.streams import normals
+
+        values = np.tile(np.reshape(self.means, (-1, 1)), len(trials))
+        if self.single or self.joint:
+            z = normals(seed, stream, trials, len(self.names)).T
+            for place, distribution, factor in self.single:
+                values[place] = factor * distribution.of_normals(z[place])
+            for places, root in self.joint:
+                # Not a matrix product, whose sums depend on the number of trials.
+                values[list(places)] += sum(np.outer(column, z[k]) for column, k in zip(root.T, places, strict=True))
+        return values
+
+
+def declare(given, units, defaults, what) -> Declared:
+    """Check numbers and dispersions that a user gives by name.
+
+    Args:
+        given: mapping from names, or tuples of names, to numbers and dispersions.
+        units: unit of every name. defaults: values of those that need not be given. what: for messages.
+
+    Raises:
+        ValueError: for an unknown or missing name, a wrong suffix, a number that is not finite or is an angle in
+            degrees by its size, a negative deviation, or a covariance that is none.
+    """
+    names, means, single, joint, seen = tuple(units), dict(defaults), [], [], set()
+
+    def number(value, name):
+        if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+            raise ValueError(f"{what} {name!r} is {value!r}; give a finite number, Normal(mean, deviation) or Uniform")
+        return float(value)
+
+    def accept(written, mean):
+        name, factor = resolve(written, units, what)
+        if units[name] == "rad" and abs(mean * factor) > 2.0 * np.pi:
+            raise ValueError(f"{what} {written!r} is {mean:g} rad, more than a turn; for degrees write '{name}_deg'")
+        if name in seen:
+            raise ValueError(f"{what} {name!r} is given twice; give it once")
+        seen.add(name)
+        means[name] = factor * mean
+        return names.index(name), factor
+
+    for key, value in given.items():
+        if isinstance(key, tuple):
+            if not isinstance(value, MultivariateNormal):
+                raise ValueError(f"{what} {key}: several names take MultivariateNormal(means, covariance)")
+            mean, covariance = np.asarray(value.mean, float), np.asarray(value.covariance, float)
+            if mean.shape != (len(key),) or covariance.shape != (len(key), len(key)):
+                raise ValueError(f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them")
+            accepted = [accept(name, number(middle, name)) for name, middle in zip(key, mean, strict=True)]
+            places, factors = zip(*accepted, strict=True)
+            eigenvalues, vectors = np.linalg.eigh(covariance)
+            if not np.allclose(covariance, covariance.T) or eigenvalues[0] < -1e-12 * max(eigenvalues[-1], 0.0):
+                raise ValueError(f"{what} {key}: the covariance is not symmetric with eigenvalues of at least zero")
+            joint.append((places, np.reshape(factors, (-1, 1)) * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))))
+        elif isinstance(value, Normal | Uniform):
+            value = type(value)(*(number(part, key) for part in value))
+            if (value.deviation if isinstance(value, Normal) else value.high - value.low) < 0.0:
+                raise ValueError(f"{what} {key!r} is {value}; a deviation is not negative, and low not above high")
+            place, factor = accept(key, value.mean)
+            single.append((place, value, factor))
+        else:
+            accept(key, number(value, key))
+    if missing := [name for name in names if name not in means]:
+        needed = ", ".join(name for name in names if name not in defaults)
+        raise ValueError(f"{what} {missing[0]!r} is missing; it needs {needed}")
+    return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint))
+
+
+# ---- planet and air --------------------------------------------------------------------------------------------------
+
+
+class Planet(NamedTuple):
+    """A rotating sphere."""
+
+    gravitational_parameter: float  # m^3/s^2
+    radius: float  # m
+    rotation_rate: float  # rad/s
+
+
+MARS = Planet(4.2828e13, 3389.5e3, 7.0882e-5)
+
+
+class Exponential(NamedTuple):
+    """Air whose density falls exponentially with altitude; by default roughly that of Mars."""
+
+    surface_density: float = 0.0159  # kg/m^3
+    scale_height: float = 10.5e3  # m
+
+    def log_density(self, altitude):
+        """Logarithm of the density in kg/m^3."""
+        if not (self.surface_density > 0.0 and self.scale_height > 0.0):
+            raise ValueError(f"{self}: density and scale height must be positive; for no air at all give air=None")
+        return np.log(self.surface_density) - altitude / self.scale_height
+
+
+class Table(NamedTuple):
+    """Air of a table, log-linear between its rows and beyond them: a CSV file, or altitude and density as arrays.
+
+    The file is as `density_table.read_density_table` reads it: columns altitude_km or altitude_m, and density_kg_m3.
+    """
+
+    source: str | Path | np.ndarray  # file, or altitude (m) and density (kg/m^3), (n, 2)
+
+    def log_density(self, altitude):
+        """Logarithm of the density in kg/m^3. Raises ValueError for what is no density table."""
+        if isinstance(self.source, str | Path):
+            rows = read_density_table(self.source)
+        else:
+            rows = np.asarray(self.source, float)
+            if rows.ndim != 2 or rows.shape[1] != 2:
+                raise ValueError(
+                    f"a table of air has rows of altitude (m) and density (kg/m^3), not shape {rows.shape}"
+                )
+            physical_table(rows)
+        nodes, values = rows[:, 0], np.log(rows[:, 1])
+        slopes = np.diff(values) / np.diff(nodes)
+        piece = np.clip(np.searchsorted(nodes, altitude) - 1, 0, len(slopes) - 1)
+        return values[piece] + slopes[piece] * (altitude - nodes[piece])
+
+
+@dataclass(frozen=True)
+class Markov:
+    """Relative variation of the density: an Ornstein-Uhlenbeck process over altitude, another one in every trial.
+
+    Its correlation over the difference d of two altitudes is exp(-d / correlation_length). Where 1 + variation is
+    negative, the density is zero.
+
+    Args:
+        deviation: standard deviation, 1: a number, or a function of the altitude (m) such as
+            `models.density_variation.mars_gram_2010_deviation`.
+        correlation_length: m.
+        bottom, top: altitudes (m) between which it varies; beyond them it stays constant.
+        spacing: of the nodes of altitude, m; linear between them.
+    """
+
+    deviation: float | Callable
+    correlation_length: float
+    bottom: float = -5e3
+    top: float = 130e3
+    spacing: float = 500.0
+
+    def __post_init__(self):
+        """Refuse lengths that are not positive."""
+        for name in ("correlation_length", "spacing"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"Markov air: {name} is {getattr(self, name)!r} m; it must be positive")
+        if not self.top > self.bottom:
+            raise ValueError(f"Markov air: top ({self.top} m) must lie above bottom ({self.bottom} m)")
+
+    def nodes(self):
+        """Altitudes, m, from the bottom up."""
+        return self.bottom + self.spacing * np.arange(int(np.ceil((self.top - self.bottom) / self.spacing)) + 1)
+
+    def deviations(self):
+        """Standard deviation at the nodes. Raises ValueError if one is negative."""
+        values = self.deviation(self.nodes()) if callable(self.deviation) else self.deviation
+        values = np.broadcast_to(np.asarray(values, float), self.nodes().shape).copy()
+        if not (values >= 0.0).all():
+            raise ValueError("Markov air: the deviation must not be negative, at any altitude")
+        return values

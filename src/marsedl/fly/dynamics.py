@@ -1,0 +1,169 @@
+"""The functions of the two models that come with the package: an entry, and a lander; see `montecarlo.flights`."""
+
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.models.dynamics.entry import entry_rates_from_sines
+from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
+from marsedl.montecarlo.elementary import arctangent, exponential, sine_cosine
+from marsedl.montecarlo.flights import Flight
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
+_LARGEST_LOG = 700.0  # of a density, that the exponential treats
+
+# ---- entry -----------------------------------------------------------------------------------------------------------
+
+
+_START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
+EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
+EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
+EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
+EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude"), defaults=(0.0, np.inf))
+Air = namedtuple("Air", ("log_density", "factor"))  # the mean, and the trial's own factor
+Drawn = namedtuple("Drawn", ("variation",))  # at the node above, in standard deviations
+Bank = namedtuple("Bank", ("bank",))
+
+
+class EntryParameters(NamedTuple):
+    """What all trials of an entry share."""
+
+    gravitational_parameter: float
+    radius: float
+    rotation_rate: float
+    bottom: float  # lowest node of the mean density, m
+    spacing: float  # of these nodes, m
+    log_density: np.ndarray  # (nodes,)
+    varied_from: float  # lowest node of the variation, m
+    varied_by: float  # spacing of these nodes, m
+    retention: float  # correlation of neighbouring nodes
+    deviation: np.ndarray  # of the variation at its nodes
+    frame: tuple  # directions to the start, of its heading and to the right of it: three of three numbers each
+
+
+def vary(node, normal, drawn, p) -> tuple[float, Drawn]:
+    """Ornstein-Uhlenbeck over altitude; stationary, as the highest node has the full deviation."""
+    below = p.retention * drawn.variation + np.sqrt((1.0 - p.retention) * (1.0 + p.retention)) * normal
+    variation = normal if node == len(p.deviation) - 1 else below
+    return p.deviation[node] * variation, Drawn(variation)
+
+
+def look_up(state, air, p) -> Air:
+    """Mean density, continued along its end slopes, and the trial's own factor; NaN stays NaN."""
+    place = (state.altitude - p.bottom) / p.spacing
+    last = len(p.log_density) - 2
+    node = 0 if not place > 0.0 else (int(place) if place < last else last)
+    log_density = p.log_density[node] + (place - node) * (p.log_density[node + 1] - p.log_density[node])
+    log_density = _LARGEST_LOG if log_density > _LARGEST_LOG else log_density
+    log_density = -_LARGEST_LOG if log_density < -_LARGEST_LOG else log_density
+    place, last = (state.altitude - p.varied_from) / p.varied_by, len(air) - 1.001
+    place = 0.0 if not place > 0.0 else (place if place < last else last)
+    node = int(place)
+    factor = 1.0 + air[node] + (place - node) * (air[node + 1] - air[node])
+    return Air(log_density, factor if factor > 0.0 else 0.0)
+
+
+def entry_rates(state, found, command: Bank, vehicle, p) -> EntryState:
+    """Entry of a gliding point mass over a rotating sphere (`models.dynamics.entry`)."""
+    drag = 0.5 / vehicle.ballistic_coefficient
+    altitude, longitude, latitude, velocity, flight_path_angle, azimuth = entry_rates_from_sines(
+        p.radius + state.altitude,
+        state.velocity,
+        sine_cosine(state.latitude),
+        sine_cosine(state.flight_path_angle),
+        sine_cosine(state.azimuth),
+        sine_cosine(command.bank),
+        exponential(found.log_density) * found.factor,
+        (drag, vehicle.lift_to_drag * drag),
+        (p.gravitational_parameter, p.rotation_rate),
+        1.0,
+    )
+    return EntryState(altitude, velocity, flight_path_angle, azimuth, latitude, longitude)
+
+
+def entry_sense(state, found, vehicle, p) -> EntrySensed:
+    """State, aerodynamic accelerations, and distances along and from the great circle of the nominal start."""
+    density = exponential(found.log_density) * found.factor
+    drag = 0.5 / vehicle.ballistic_coefficient * density * state.velocity * state.velocity
+    (sin_latitude, cos_latitude), (sin_longitude, cos_longitude) = (
+        sine_cosine(state.latitude),
+        sine_cosine(state.longitude),
+    )
+    x, y, z = cos_latitude * cos_longitude, cos_latitude * sin_longitude, sin_latitude
+    (a, b, c), (d, e, f), (g, h, i) = p.frame
+    up, ahead, right = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+    return EntrySensed(
+        state.altitude,
+        state.velocity,
+        state.flight_path_angle,
+        state.azimuth,
+        state.latitude,
+        state.longitude,
+        p.radius * arctangent(ahead, up),
+        p.radius * arctangent(right, np.sqrt(up * up + ahead * ahead)),
+        density,
+        drag,
+        vehicle.lift_to_drag * drag,
+    )
+
+
+def entry_watch(watched, sensed) -> EntryWatched:
+    """Largest aerodynamic load and lowest altitude."""
+    load = np.sqrt(sensed.drag * sensed.drag + sensed.lift * sensed.lift)
+    return EntryWatched(
+        load if load > watched.max_load else watched.max_load,
+        sensed.altitude if sensed.altitude < watched.min_altitude else watched.min_altitude,
+    )
+
+
+def frame_of(start):
+    """Directions to a start, of its heading and to the right of it, as three tuples; x to the prime meridian."""
+    (sin_b, sin_l, sin_a), (cos_b, cos_l, cos_a) = (
+        function([start["latitude"], start["longitude"], start["azimuth"]]) for function in (np.sin, np.cos)
+    )
+    up = np.array([cos_b * cos_l, cos_b * sin_l, sin_b])
+    ahead = cos_a * np.array([-sin_b * cos_l, -sin_b * sin_l, cos_b]) + sin_a * np.array([-sin_l, cos_l, 0.0])
+    return tuple(tuple(map(float, direction)) for direction in (up, ahead, np.cross(ahead, up)))
+
+
+ENTRY = Flight(entry_rates, look_up=look_up, vary=vary, sense=entry_sense, watch=entry_watch, watch_steps=True)
+
+# ---- lander ----------------------------------------------------------------------------------------------------------
+
+
+_STATE = ("downrange", "altitude", "downrange_velocity", "vertical_velocity", "mass")
+LanderState = namedtuple("LanderState", _STATE)
+LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrust", "largest_thrust", "thrust_scale"))
+LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise"))
+LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
+Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
+Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
+
+
+def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
+    """Powered descent over flat ground (`models.dynamics.powered_descent`), the thrust within its limits."""
+    wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
+    given = vehicle.smallest_thrust if wanted < vehicle.smallest_thrust else wanted
+    given = vehicle.largest_thrust if given > vehicle.largest_thrust else given
+    scale = vehicle.thrust_scale * given / wanted
+    changes = powered_descent_rates(
+        state,
+        (scale * command.thrust_downrange, scale * command.thrust_vertical),
+        (p.thrust_noise * noise.downrange, p.thrust_noise * noise.vertical),
+        p.gravity,
+        1.0 / (vehicle.specific_impulse * STANDARD_GRAVITY),
+    )
+    return LanderState(*changes)
+
+
+def lander_watch(watched, command) -> LanderWatched:
+    """Largest and smallest thrust that was commanded, before its limits."""
+    wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
+    return LanderWatched(
+        wanted if wanted > watched.max_command else watched.max_command,
+        wanted if wanted < watched.min_command else watched.min_command,
+    )
+
+
+LANDER = Flight(lander_rates, watch=lander_watch, noise=Disturbance)

@@ -1,0 +1,274 @@
+"""Flights that are flown: percentiles with intervals, outcomes, labelled arrays, replays, comparisons."""
+
+import re
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from marsedl.fly.campaign import NOT_FINITE, Campaign
+from marsedl.fly.declared import resolve
+from marsedl.fly.vehicles import END_TIME
+
+__all__ = ["Flights", "OneFlight", "order_interval"]
+
+TAIL = 10  # flights that have to lie beyond a percentile for its interval
+_GOAL = re.compile(r"p(\d+(?:\.\d+)?) of (\w+) within (\d+(?:\.\d+)?(?:e[+-]?\d+)?) ?(\S+)")
+
+
+def order_interval(samples, level, confidence=0.95):
+    """Distribution-free confidence interval of a quantile, between two order statistics (David, Nagaraja 2003, 7.1).
+
+    The number of samples below the quantile is binomial, so that the ranks are quantiles of it.
+
+    Args:
+        samples: (count,). level: within (0, 1). confidence: least probability that the interval holds the quantile.
+
+    Returns:
+        Tuple of both ends; NaN where fewer than `TAIL` samples lie beyond the level on either side.
+    """
+    from scipy.stats import binom
+
+    ordered = np.sort(np.asarray(samples, float))
+    count, tail = ordered.size, 0.5 * (1.0 - confidence)
+    if count * min(level, 1.0 - level) < TAIL * (1.0 - 1e-12):
+        return np.nan, np.nan
+    low, high = int(binom.ppf(tail, count, level)), int(binom.ppf(1.0 - tail, count, level)) + 1
+    return (ordered[low - 1], ordered[high - 1]) if low >= 1 and high <= count else (np.nan, np.nan)
+
+
+class OneFlight(NamedTuple):
+    """One trial alone: a data frame of what is stored at every integration step, its final numbers, its outcome."""
+
+    trial: int
+    history: Any
+    final: dict[str, float]
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flights:
+    """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name."""
+
+    campaign: Campaign
+    numbers: np.ndarray  # (quantities, trials)
+    outcome: np.ndarray  # (trials,), names
+    histories: np.ndarray | None  # (times, quantities, trials)
+    how: tuple  # processes and progress, for further ones
+
+    @classmethod
+    def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
+        """Fly; says how many flights the model did not cover. Raises ValueError as `fly`."""
+        for name, number in (("trials", trials), ("processes", how[0])):
+            if not isinstance(number, int | np.integer) or number < 1:
+                raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
+        flights = cls(campaign, *campaign.fly_all(0, int(trials), *how), how)
+        lost = np.flatnonzero(flights.outcome == NOT_FINITE)
+        sentences = [f"{lost.size:,} flights became not finite; replay({lost[0]}) shows one"] if lost.size else []
+        if campaign.model.warn:
+            sentences += campaign.model.warn(campaign.p, flights.final)
+        for sentence in sentences:
+            warnings.warn(sentence, stacklevel=3)
+        return flights
+
+    def __repr__(self):
+        """How many, and how they ended."""
+        return f"Flights({self.trials:,}: {', '.join(f'{count:,} {name}' for name, count in self.outcomes().items())})"
+
+    @property
+    def trials(self) -> int:
+        """How many flights there are."""
+        return self.outcome.size
+
+    @cached_property
+    def final(self) -> dict[str, np.ndarray]:
+        """Final numbers of all flights by name, each (trials,), in SI units."""
+        return dict(zip(self.campaign.flight().parts["final"]._fields, self.numbers, strict=True))
+
+    def outcomes(self) -> dict[str, int]:
+        """How many flights ended in which way, the most frequent first."""
+        names, counts = np.unique(self.outcome, return_counts=True)
+        return {str(names[place]): int(counts[place]) for place in np.argsort(-counts, kind="stable")}
+
+    def values(self, name) -> np.ndarray:
+        """A final number of all flights, in the unit of its suffix. Raises ValueError for an unknown one."""
+        base, factor = resolve(name, {name: self._meaning(name)[0] for name in self.final}, "quantity")
+        return self.final[base] / factor
+
+    def _meaning(self, name):
+        """Unit and meaning."""
+        suffix = name.rpartition("_")[2]
+        if name not in self.final and suffix in ("km", "deg"):
+            return suffix, name
+        return (self.campaign.model.quantities | END_TIME).get(name, ("", name))
+
+    def _counted(self):
+        """Flights that count in statistics: those that ended as they should. Says how many do not."""
+        end, outcomes = self.campaign.end, self.outcomes()
+        others = ", ".join(f"{count:,} {name}" for name, count in outcomes.items() if name != end)
+        return self.outcome == end, f"{others} of {self.trials:,} flights left out" if others else ""
+
+    def percentiles(self, names, levels=(1, 50, 99), confidence=0.95):
+        """Percentiles of final numbers over all flights that ended, with distribution-free confidence intervals.
+
+        Args:
+            names: quantities, such as "range" or "range_km". levels: per cent, within (0, 100).
+            confidence: of each interval, between order statistics, whatever the distribution.
+
+        Returns:
+            Data frame with columns quantity, unit, percentile, value, lower, upper, note. Where fewer than 10 flights
+            lie beyond a level, the interval is NaN and the note says how many it takes.
+
+        Raises:
+            ValueError: for an unknown quantity, or a level that is no percentage.
+        """
+        import pandas as pd
+
+        counted, left_out = self._counted()
+        rows = []
+        for name in [names] if isinstance(names, str) else names:
+            samples = self.values(name)[counted]
+            for level in np.atleast_1d(levels):
+                if not 0.0 < level < 100.0:
+                    raise ValueError(f"level {level:g} is no percentage between 0 and 100")
+                share = level / 100.0
+                lower, upper = order_interval(samples, share, confidence)
+                needed = int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-6))
+                few = f"{samples.size:,} flights; an interval takes {needed:,}" if samples.size < needed else ""
+                value = np.quantile(samples, share) if samples.size else np.nan
+                note = "; ".join(filter(None, (few, left_out)))
+                rows.append((name, self._meaning(name)[0], float(level), value, lower, upper, note))
+        return pd.DataFrame(rows, columns=["quantity", "unit", "percentile", "value", "lower", "upper", "note"])
+
+    def until(self, goal, at_most=1_000_000) -> "Flights":
+        """Fly further trials until a percentile is known well enough: until("p99 of range within 5 %").
+
+        The half-width of its 95 % interval shall be at most this share of its value, or this much in its unit ("within
+        200 m", "p1 of altitude_km within 0.1 km"). The number of flights doubles each time; the first ones are kept.
+
+        Raises:
+            ValueError: for a goal of another form, and for one that at_most flights do not reach.
+        """
+        match = _GOAL.fullmatch(goal.strip())
+        if not match:
+            raise ValueError(f"goal {goal!r} is not of the form 'p99 of range within 5 %', or 'within 200 m'")
+        level, name, width, unit = float(match[1]), match[2], float(match[3]), match[4]
+        self.values(name)
+        own = self._meaning(name)[0]
+        if unit not in ("%", own):
+            raise ValueError(f"goal {goal!r}: {name} is in {own}; write '%' or '{own}'")
+        flights = self
+        while True:
+            row = flights.percentiles([name], [level]).iloc[0]
+            reached = 0.5 * (row["upper"] - row["lower"])
+            wanted = width * (abs(row["value"]) / 100 if unit == "%" else 1)
+            if reached <= wanted:
+                return flights
+            if flights.trials >= at_most:
+                raise ValueError(
+                    f"{goal!r} is not reached by {flights.trials:,} flights: {reached:.3g} for {wanted:.3g}"
+                )
+            flights = flights.extended(min(2 * flights.trials, at_most))
+
+    def extended(self, trials) -> "Flights":
+        """The same flights and further ones, up to this number of trials."""
+        more = self.campaign.fly_all(self.trials, trials, *self.how)
+        pairs = zip((self.numbers, self.outcome, self.histories), more, strict=True)
+        joined = (None if new is None else np.concatenate([old, new], axis=-1) for old, new in pairs)
+        return Flights(self.campaign, *joined, self.how)
+
+    def against(self, other, names=None, confidence=0.95):
+        """Mean differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
+
+        Args:
+            other: `Flights` of as many trials. names: quantities; by default all that both have.
+            confidence: of the intervals of the mean differences.
+
+        Returns:
+            Data frame with columns quantity, unit, difference (mean of these minus the other), lower, upper, deviation
+            (of the differences), correlation, flights (that ended in both).
+
+        Raises:
+            ValueError: for flights of another seed or number, or an unknown quantity.
+        """
+        import pandas as pd
+        from scipy.special import ndtri
+
+        mine, others = ((flights.trials, flights.campaign.seed) for flights in (self, other))
+        if mine != others:
+            raise ValueError(
+                f"these are {mine[0]:,} flights of seed {mine[1]}, the others {others[0]:,} of seed {others[1]}: fly "
+                f"both with the same seed and trials, so that they meet the same errors"
+            )
+        both, rows = self._counted()[0] & other._counted()[0], []
+        for name in names if names is not None else [name for name in self.final if name in other.final]:
+            first, second = self.values(name)[both], other.values(name)[both]
+            difference, count = first - second, int(both.sum())
+            deviation = difference.std(ddof=1) if count > 1 else np.nan
+            width = ndtri(0.5 + 0.5 * confidence) * deviation / np.sqrt(count) if count else np.nan
+            mean = difference.mean() if count else np.nan
+            varies = count > 1 and first.std() > 0 and second.std() > 0
+            correlation = np.corrcoef(first, second)[0, 1] if varies else np.nan
+            rows.append((name, self._meaning(name)[0], mean, mean - width, mean + width, deviation, correlation, count))
+        columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def worst(self, name, count=10):
+        """Data frame of the flights whose final number lies farthest from the median, the farthest first."""
+        counted, _ = self._counted()
+        samples = self.values(name)
+        distance = np.where(counted, np.abs(samples - np.median(samples[counted])), -1.0)
+        return self.to_pandas().iloc[np.argsort(-distance, kind="stable")[: min(count, int(counted.sum()))]]
+
+    def replay(self, trial, in_python=False) -> OneFlight:
+        """Fly one trial again, alone, with all that is stored at every integration step: the same bits.
+
+        Args:
+            trial: its number. in_python: whether the functions fly as they are written, so that `print` and debuggers
+                work in them; the bits are the same.
+
+        Raises:
+            ValueError: for a number that is no trial's.
+        """
+        import pandas as pd
+
+        if not isinstance(trial, int | np.integer) or not 0 <= trial < self.trials:
+            raise ValueError(f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}")
+        campaign, trial = self.campaign, int(trial)
+        step = campaign.period / campaign.substeps
+        flown = campaign.fly(range(trial, trial + 1), step, in_python)
+        length, parts = int(flown.length[0]), campaign.flight().parts
+        index = pd.Index(campaign.schedule(step).times[:length], name="time")
+        history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
+        final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
+        return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]))
+
+    def to_pandas(self):
+        """Data frame of the final numbers and the outcome of every flight, in SI units."""
+        import pandas as pd
+
+        index = pd.RangeIndex(self.trials, name="trial")
+        return pd.DataFrame({**self.final, "outcome": self.outcome}, index=index)
+
+    def to_xarray(self):
+        """Data set of final numbers, outcome and, if stored, histories, with units and meanings as attributes.
+
+        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
+        """
+        import xarray
+
+        def described(dimensions, values, name):
+            unit, meaning = self._meaning(name)
+            return (dimensions, values, {"units": unit, "long_name": meaning})
+
+        variables = {name: described("trial", values, name) for name, values in self.final.items()}
+        variables["outcome"] = ("trial", self.outcome, {"long_name": "how the flight ended"})
+        coordinates = {"trial": np.arange(self.trials)}
+        if self.histories is not None:
+            times = self.campaign.schedule(self.campaign.history).times
+            coordinates["time"] = ("time", times, {"units": "s", "long_name": "time"})
+            for row, name in enumerate(self.campaign.flight().parts["stored"]._fields):
+                variables[f"{name}_history"] = described(("time", "trial"), self.histories[:, row], name)
+        return xarray.Dataset(variables, coordinates, {"seed": self.campaign.seed})

@@ -1,0 +1,96 @@
+"""What the Monte Carlo stages of all papers do: fly a chunk of trials, join the chunks, describe a single trial.
+
+A paper gives its `simulate_block(first, last)`, see `marsedl.montecarlo.ensembles`. Where all trials fly under each of
+several laws it gives one for each, and the fields of its artifacts lie along the laws first.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from marsedl.montecarlo import ensembles
+from marsedl.replication.pipeline.catalogue import Flown, Trial
+from marsedl.replication.records.fields import Axis, quantities
+
+
+def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **options) -> dict[str, object]:
+    """Fly the trials of a job. Returns the fields of an `ensembles.Chunk`, without infinities.
+
+    simulate_block: the paper's, or one for each law. drawn: first trials that keep their histories. exits: the
+    `TableExits` of an air whose density may come from a table, which then says how many flights leave it. options:
+    further ones of `ensembles.run_blocks`.
+    """
+    simulators = [simulate_block] if callable(simulate_block) else simulate_block
+    first, last = flown.trials - 1, flown.trials
+    options |= {"block_size": flown.block_size, "kept": flown.trials if flown.alone else min(drawn, flown.trials)}
+    if not flown.alone:
+        first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    watched = [exits.watching(simulate) for simulate in simulators] if exits else simulators
+    reduced = [ensembles.run_blocks(simulate, first, last, **options) for simulate in watched]
+    if exits:
+        exits.say(f"flights {first:,} to {last - 1:,}" + ("" if callable(simulate_block) else ", under all laws"))
+    return _fields(reduced[0] if callable(simulate_block) else reduced)
+
+
+def joined(chunks: Sequence) -> dict[str, object]:
+    """Join a case's chunks in the order of their trials. Returns the fields of an `ensembles.Ensemble`."""
+    names = [field.name for field in fields(ensembles.Chunk)]
+
+    def merged(law):
+        return ensembles.merge(
+            [ensembles.Chunk(**{name: getattr(chunk, name)[law] for name in names}) for chunk in chunks]
+        )
+
+    if np.ndim(chunks[0].first_trial):
+        return _fields([merged(law) for law in range(len(chunks[0].first_trial))])
+    return _fields(
+        ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
+    )
+
+
+def _fields(reduced):
+    """The fields of a reduction without infinities; of a list of them, one for each law, stacked."""
+    if isinstance(reduced, list):
+        parts = [_fields(part) for part in reduced]
+        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+    return {field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
+
+
+def described(
+    chunk, trial: Trial, outcomes: Mapping[int, str], *, laws: Sequence[str] = (), names: Sequence[str] = (), further=()
+) -> str:
+    """Describe a trial that was flown again: how it ended, its state at both ends, its largest observed values.
+
+    chunk: that trial alone. outcomes: words for the codes. laws: their names, if the trial flew under several. names:
+    of the final state's components where its axis has none. further: names and values for each law. With a stored
+    ensemble the last line says whether the final state is the same to the last bit.
+    """
+    state, final, observed = (
+        quantities(type(chunk))[name].dims[-1] for name in ("kept_history", "final_state", "observed_maximum")
+    )
+    lines = []
+    for number, law in enumerate(laws or [f"of {trial.case}"]):
+        at = (number,) if laws else ()
+        end = chunk.final_state[(*at, 0)]
+        start = dict(zip(_components(state), chunk.kept_history[(*at, 0, 0)], strict=False))
+        lines.append(f"trial {trial.number}{',' * bool(laws)} {law}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
+        for name, value in zip(_components(final) or names, end, strict=True):
+            lines.append(
+                f"  {name:36}" + (f"{start[name]:18.12g} -> " if name in start else " " * 22) + f"{value:18.12g}"
+            )
+        for name, value in zip(_components(observed), chunk.observed_maximum[(*at, 0)], strict=False):
+            lines.append(f"  {f'largest {name}':58}{value:18.12g}")
+        rows = further[number] if further else {}
+        lines += [f"  {name:58}{value:18.12g}" for name, value in rows.items()]
+        if trial.stored is not None:
+            same = np.array_equal(end, trial.stored.final_state[(*at, trial.number)], equal_nan=True)
+            verdict = "the same to the last bit as in" if same else "DIFFERS from"
+            lines.append(f"  {verdict} the stored ensemble")
+    return "\n".join(lines)
+
+
+def _components(axis: str | Axis) -> list[str]:
+    """Names and units of an axis in words; none of a dimension without them."""
+    units = axis.units.items() if isinstance(axis, Axis) else ()
+    return [f"{axis.label(name)} ({unit})" if unit != "1" else axis.label(name) for name, unit in units]
