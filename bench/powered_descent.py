@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from measuring import run
 
-from marsedl.montecarlo.ensembles import new_trajectories, output_count
+from marsedl.montecarlo.ensembles import Trajectories, output_count, pad_to_groups
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import PAPER, flight, montecarlo, segments
 
@@ -66,8 +66,11 @@ def fly_numpy(schedules, plant, every, states, draw):
 def fly_c(library, schedules, plant, initial_states, draws, *, steps_per_output):
     """`flight.fly` in C, without outcomes."""
     counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
-    flown = new_trajectories(initial_states.T, sum(counts), flight.OBSERVED)
-    trials, output, increment = flown.final_state.shape[1], 0, 0
+    states = pad_to_groups(initial_states.T)
+    trials, output, increment = states.shape[1], 0, 0
+    history, observed = (np.empty((sum(counts), rows, trials)) for rows in (len(states), 2))
+    outcome, length = np.zeros(trials, np.int8), np.full(trials, sum(counts), np.int64)
+    flown = Trajectories(history, observed, np.full((2, trials), -np.inf), states, outcome, length)
     for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
         values = [control.gain, control.mean, control.feedforward, *map(float, (*plant, control.step))]
         values += [control.steps, every, trials, increment, draws.seed, flight.NOISE_STREAM, draws.first_trial]

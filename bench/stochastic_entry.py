@@ -16,7 +16,7 @@ from measuring import (
 
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.lanes import LANES
-from marsedl.papers.stochastic_entry import PAPER, flight, gains, montecarlo, records
+from marsedl.papers.stochastic_entry import PAPER, dispersions, flight, gains, montecarlo, records
 from marsedl.papers.stochastic_entry.inputs import MODEL
 
 PIPELINE_LIMIT = 300.0  # CPU s
@@ -47,18 +47,13 @@ def fly_c(library, settings, air, law, vehicles, *, trigger, end_time, substeps,
     tables = air.log_density, np.append(np.diff(air.log_density), 0.0), air.deviation, air.log_retention
     flown = [pad_to_groups(part) for part in (vehicles.entry_state.T, vehicles.drag_factor, vehicles.lift_factor)]
     padded = flown[0].shape[1]
-    stored = Trajectories(
-        history=np.empty((cycles, records.HISTORY, padded)),
-        observed=np.empty((cycles, records.OBSERVED, padded)),
-        observed_maximum=np.zeros((records.OBSERVED, padded)),
-        final_state=np.empty((records.FINAL, padded)),
-        outcome=np.zeros(padded, np.int8),
-        length=np.empty(padded, np.int64),
-    )
+    shapes = (cycles, records.HISTORY), (cycles, records.OBSERVED), (records.OBSERVED,), (records.FINAL,)
+    numbers = (np.zeros((*shape, padded)) for shape in shapes)
+    stored = Trajectories(*numbers, np.zeros(padded, np.int8), np.empty(padded, np.int64))
     constants = np.array([settings], [*type(settings).__annotations__.items()])  # a C structure of doubles and integers
     values = [constants, *map(np.array, (*tables, *law[1:5])), *flown]
     values += [law.least_drag, float(end_time), len(air.altitude), law.kind == flight.BY_TIME, len(law.gain), cycles]
-    values += [substeps, padded, seed, flight.DENSITY_STREAM, 0]
+    values += [substeps, padded, seed, dispersions.DENSITY_STREAM, 0]
     outputs = stored.history, stored.observed, stored.observed_maximum, stored.length, stored.final_state
     compiled.call(library.fly, values, [*outputs, np.empty((len(air.altitude), LANES))])
     return stored.first(trials)

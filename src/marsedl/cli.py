@@ -84,7 +84,7 @@ def command_line() -> argparse.ArgumentParser:
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe compare", "--json", action="store_true", help="write JSON")
     add("compare", "paper", help="a paper, such as powered_descent")
-    what = "a reading, FOLDER:reading of another build, or universe:NUMBER"
+    what = "a reading or universe:NUMBER; of another build FOLDER:reading or FOLDER:universe:NUMBER"
     add("compare", "mine", help=what)
     add("compare", "other", nargs="?", default=CORRECTED, help=f"what it is compared with (default: {CORRECTED})")
     add("compare", "-o", "--output", metavar="FILE", type=Path, help="the page (default: below build/compare)")
@@ -338,14 +338,12 @@ def _compare(options) -> int:
 
     paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
     study, sides = project.studies[paper.slug], []
-    for name in (options.other, options.mine):
-        folder, colon, reading = name.rpartition(":")
-        if colon and folder != "universe":
-            sides.append(compare.of_other_build(reading, study, Path(folder)))
-        else:
-            kind, suffix = ("universes", "h5") if colon else ("claims", "json")
-            project.check([f"report/{kind}/{paper.slug}.{suffix}"])
-            sides.append(compare.side_of(name, study, project.folder))
+    for folder, of in [compare.named(name, study) for name in (options.other, options.mine)]:
+        is_universe = isinstance(of, int)
+        if not folder:
+            project.check([f"report/universes/{paper.slug}.h5" if is_universe else f"report/claims/{paper.slug}.json"])
+        take = compare.of_other_build if folder and not is_universe else compare.side_of
+        sides.append(take(of, study, folder or project.folder))
     published = project.published(paper.slug)
     difference = compare.difference(*sides, published)
     _say(*overview.compared(difference, published, as_json=options.json))

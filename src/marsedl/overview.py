@@ -13,7 +13,7 @@ from pathlib import Path
 from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, entry_of
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, Paper, entry_of
 from marsedl.replication.terminal import columns
 
 KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
@@ -82,7 +82,9 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
             (case, f"{inputs.get(name):,} trials", f"input {name}: {inputs.meaning(name)}")
             for case, name in inputs.CASES.items()
         ],
-        "claims": [(c.id, verdicts.get(c.id) or "–", c.where, c.quantity) for c in claims],
+        "claims": [
+            (c.id, verdicts.get(c.id) or "–", c.where, (rows and paper.found.get(c.id)) or c.quantity) for c in claims
+        ],
     }
 
 
@@ -101,6 +103,7 @@ def listed(project, paper, kinds) -> Iterator[str]:
 
 def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
+    from marsedl.replication.claims.quotes import with_numbers
     from marsedl.replication.claims.rows import summary
     from marsedl.replication.report.front_page import committed_claims
 
@@ -121,6 +124,10 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     for how, numbers in summary(verdicts.values()).items():
         counted = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
         yield f"  {how}: {', '.join(counted) or 'none'}"
+    clauses = {name: text for name, text in paper.found.items() if name in verdicts}
+    found = with_numbers(Paper(paper.slug, "", "", "", found=clauses), project.quotes(paper.slug, CORRECTED)).found
+    yield "\nheadline claims: what we find"
+    yield columns([(name, verdicts[name].verdict, text) for name, text in found.items()], 2)
 
 
 def _differing(readings, reading) -> list[tuple[str, str, str, str]]:

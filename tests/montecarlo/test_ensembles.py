@@ -1,31 +1,26 @@
-"""A damped oscillator in two segments, written as a paper writes its kernel, and what must hold of its ensembles."""
+"""A damped oscillator that flies two segments, and what must hold of its ensembles."""
 
-import os
 from dataclasses import fields, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numba
 import numpy as np
 import pytest
-from numba import njit, prange
 
 from marsedl.montecarlo.ensembles import (
     NON_FINITE,
-    Brownian,
-    Segment,
     Trajectories,
     chunk_bounds,
     merge,
-    new_trajectories,
     output_count,
-    propagator,
     reduce_blocks,
     replay,
     run_blocks,
     without_infinities,
 )
-from marsedl.montecarlo.integrators import runge_kutta_4
-from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.lanes import LANES
 from marsedl.montecarlo.streams import normals
 
 SEED, INITIAL_STREAM, PROCESS_STREAM = 31, 0, 1
@@ -34,60 +29,40 @@ SIGMA, TARGET = 0.3, (0.0, 1.0)
 TIMES = sum(output_count(steps, STEPS_PER_OUTPUT) for steps in STEPS)
 EDGES = np.linspace(0.0, 4.0, 81)[np.newaxis]
 
-# A paper says cache=True. The tests cache only where a fresh folder is given, as the cache overlooks edits of callees.
-CACHE = "NUMBA_CACHE_DIR" in os.environ
+
+class State(NamedTuple):
+    x: float
+    v: float
 
 
-@inline_njit
-def drift(half_index, state, noise, parameters, out):
-    stiffness, damping, target = parameters
-    rate = stiffness[half_index]
-    for lane in range(LANES):
-        out[0, lane] = state[1, lane]
-        out[1, lane] = -rate * (state[0, lane] - target) - damping * state[1, lane] + SIGMA * noise[0, lane]
+class Force(NamedTuple):
+    w: float
 
 
-@inline_njit
-def observe(half_index, state, parameters, out):
-    stiffness, _, target = parameters
-    rate = stiffness[half_index]
-    for lane in range(LANES):
-        out[0, lane] = np.abs(rate * (state[0, lane] - target))
+class Spring(NamedTuple):
+    stiffness: np.ndarray  # on the half-step grid
+    damping: float
+    target: float
 
 
-propagate = propagator(runge_kutta_4, drift, observe)
+class Pull(NamedTuple):
+    pull: float = -np.inf
 
 
-@njit(parallel=True, cache=CACHE, error_model="numpy")
-def kernel(first_trial, increments_per_step, step, table1, table2, final_state, history, observed, observed_maximum):
-    steps1, steps2 = table1.size // 2, table2.size // 2
-    steps_per_output = STEPS_PER_OUTPUT // increments_per_step
-    switch = steps1 // steps_per_output + 1  # outputs of the first segment
-    for group in prange(final_state.shape[1] // LANES):
-        lanes = slice(group * LANES, (group + 1) * LANES)
-        state = final_state[:, lanes].copy()
-        maximum = observed_maximum[:, lanes].copy()
-        increments = 0
-        increments = propagate(
-            parameters=(table1, 0.5, TARGET[0]),
-            segment=Segment(steps1, step, steps_per_output),
-            brownian=Brownian(1, SEED, PROCESS_STREAM, first_trial + group * LANES, increments, increments_per_step),
-            state=state,
-            history=history[:switch, :, lanes],
-            observed=observed[:switch, :, lanes],
-            observed_maximum=maximum,
-        )
-        propagate(
-            parameters=(table2, 0.5, TARGET[1]),
-            segment=Segment(steps2, step, steps_per_output),
-            brownian=Brownian(1, SEED, PROCESS_STREAM, first_trial + group * LANES, increments, increments_per_step),
-            state=state,
-            history=history[switch:, :, lanes],
-            observed=observed[switch:, :, lanes],
-            observed_maximum=maximum,
-        )
-        final_state[:, lanes] = state
-        observed_maximum[:, lanes] = maximum
+def rates(half_index, state, noise, p) -> State:
+    pull = p.stiffness[half_index] * (state.x - p.target)
+    return State(state.v, -pull - p.damping * state.v + SIGMA * noise.w)
+
+
+def observe(half_index, state, p) -> Pull:
+    return Pull(np.abs(p.stiffness[half_index] * (state.x - p.target)))
+
+
+def watch(watched, half_index, state, p) -> Pull:
+    return Pull(np.maximum(watched.pull, np.abs(p.stiffness[half_index] * (state.x - p.target))))
+
+
+FLIGHT = Flight(rates, observe=observe, watch=watch, noise=Force)
 
 
 def tables(coarsening=1):
@@ -97,13 +72,20 @@ def tables(coarsening=1):
     return [1.0 + 0.5 * np.sin(grid) for grid in grids]
 
 
+def fly(number, start, coarsening=1, scale=1.0, **options):
+    """Segment `number` of the flight."""
+    spring, duration = Spring(scale * tables(coarsening)[number], 0.5, TARGET[number]), STEPS[number] * STEP
+    schedule = periods(duration, duration, STEPS[number] // coarsening, every=STEPS_PER_OUTPUT // coarsening)
+    options |= {"seed": SEED, "increments": coarsening, "first_increment": sum(STEPS[:number])}
+    return FLIGHT.fly(spring, schedule, start, streams=(PROCESS_STREAM, 0), **options)
+
+
 def simulate_block(first, last, coarsening=1):
-    trials = range(first, last)
-    initial_state = np.array([[1.0], [0.0]]) + 0.2 * normals(SEED, INITIAL_STREAM, trials, 2).T
-    paths = new_trajectories(initial_state, TIMES, 1)
-    arrays = (paths.final_state, paths.history, paths.observed, paths.observed_maximum)
-    kernel(first, coarsening, STEP * coarsening, *tables(coarsening), *arrays)
-    return paths.first(len(trials))
+    start = np.array([[1.0], [0.0]]) + 0.2 * normals(SEED, INITIAL_STREAM, range(first, last), 2).T
+    before = fly(0, start, coarsening, first_trial=first)
+    after = fly(1, before, coarsening, first_trial=first)
+    joined = {name: np.concatenate([getattr(p, name) for p in (before, after)]) for name in ("history", "observed")}
+    return replace(after, **joined, length=before.length + after.length)
 
 
 def assert_identical(a, b):
@@ -138,10 +120,10 @@ def oracle(first, last):
     return np.array(states), np.array(observations)
 
 
-# ---- the compiled loop -----------------------------------------------------------------------------------------------
+# ---- the flight ------------------------------------------------------------------------------------------------------
 
 
-def test_kernel_equals_plain_numpy():
+def test_a_flight_equals_plain_numpy():
     paths = simulate_block(100, 300)
     states, observations = oracle(100, 300)
     outputs = np.r_[0 : STEPS[0] + 1 : STEPS_PER_OUTPUT, STEPS[0] + 1 : states.shape[0] : STEPS_PER_OUTPUT]
@@ -264,9 +246,7 @@ def test_nothing_but_non_finite_trials():
 
 
 def test_a_trial_that_diverges_inside_the_kernel_shows_it():
-    explosive = [table * -1e6 for table in tables()]
-    paths = new_trajectories(np.ones((2, LANES)), TIMES, 1)
-    kernel(0, 1, 1e6, *explosive, paths.final_state, paths.history, paths.observed, paths.observed_maximum)
+    paths = fly(0, np.ones((2, LANES)), scale=-1e18)
     assert not np.isfinite(paths.observed_maximum).any()
     chunk = run_blocks(lambda first, last: paths.first(last - first), 0, LANES)
     assert (chunk.outcome == NON_FINITE).all()

@@ -40,3 +40,65 @@ def test_kernels_that_two_processes_compiled_fly_each_its_own_model_in_a_third(t
     assert flown("euler") == [euler]
     both = flown("rk4", "euler")
     assert abs(both[0] - runge_kutta) < 1e-15 and both[1] == euler
+
+
+HELPER = """
+from marsedl.compiling import jitable
+
+
+@jitable
+def slope(x):
+    return -x
+"""
+
+CALLER = """
+import multiprocessing
+from typing import NamedTuple
+
+from marsedl.montecarlo.flights import Flight, periods
+
+from helper import slope
+
+
+class State(NamedTuple):
+    x: float
+
+
+def rates(state) -> State:
+    return State(slope(state.x))
+
+
+FLIGHT = Flight(rates)
+
+
+def fly(start):
+    x = FLIGHT.fly((), periods(1.0, 1.0, 1), State(start)).final_state[0, 0]
+    (kernel,) = FLIGHT._kernels.values()
+    return x.hex(), sum(kernel.stats.cache_misses.values()), sum(kernel.stats.cache_hits.values())
+
+
+if __name__ == "__main__":
+    print(*fly(1.0))
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(*pool.apply(fly, (1.0,)))
+"""
+
+
+def test_only_an_edited_helper_compiles_again_and_a_spawned_process_flies_the_same(tmp_path):
+    script, helper = tmp_path / "caller.py", tmp_path / "helper.py"
+    script.write_text(CALLER, encoding="utf-8")
+
+    def flown(text):
+        helper.write_text(text, encoding="utf-8")
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run([sys.executable, script], env=environment, capture_output=True, check=True, text=True)
+        here, spawned = (line.split() for line in done.stdout.splitlines())
+        assert here[0] == spawned[0]
+        return float.fromhex(here[0]), here[1:]
+
+    first, again = flown(HELPER), flown(HELPER)
+    commented, edited = flown(HELPER + "# a comment\n"), flown(HELPER.replace("-x", "-2.0 * x"))
+    assert first[1] == edited[1] == ["1", "0"]
+    assert again[1] == commented[1] == ["0", "1"]
+    assert first[0] == again[0] == commented[0]
+    assert abs(first[0] - 0.375) < 1e-15 and abs(edited[0] - (1.0 - 2.0 + 2.0 - 8.0 / 6.0 + 16.0 / 24.0)) < 1e-15

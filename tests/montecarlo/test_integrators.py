@@ -1,59 +1,46 @@
 """Convergence orders of both schemes on x' = a(t) x - c x^3 + sigma w."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
-from numba import njit
 
-from marsedl.montecarlo.ensembles import Brownian, Segment, propagator
-from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_implicit_euler
-from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.integrators import euler_maruyama, semi_implicit_euler
 
 RK4, EULER = "rk4", "euler"
 
 
-@inline_njit
-def observe_nothing(half_index, state, parameters, out):
-    pass
+class X(NamedTuple):
+    x: float
 
 
-@inline_njit
-def drift(half_index, state, noise, parameters, out):
-    table, cubic, sigma = parameters
-    rate = table[half_index]
-    for lane in range(LANES):
-        x = state[0, lane]
-        out[0, lane] = rate * x - cubic * x * x * x + sigma * noise[0, lane]
+class White(NamedTuple):
+    w: float
 
 
-def kernel_of(scheme):
-    propagate = propagator(scheme, drift, observe_nothing)
-
-    @njit(error_model="numpy")
-    def kernel(groups, start, steps, step, increments_per_step, table, cubic, sigma):
-        final = np.empty((groups, LANES))
-        history, observed, maximum = np.empty((2, 1, LANES)), np.empty((2, 0, LANES)), np.empty((0, LANES))
-        for group in range(groups):
-            state = np.full((1, LANES), start)
-            propagate(
-                parameters=(table, cubic, sigma),
-                segment=Segment(steps, step, steps),
-                brownian=Brownian(1, 77, 1, group * LANES, 0, increments_per_step),
-                state=state,
-                history=history,
-                observed=observed,
-                observed_maximum=maximum,
-            )
-            final[group] = state[0]
-        return final.ravel()
-
-    return kernel
+class Parameters(NamedTuple):
+    table: np.ndarray  # on the half-step grid
+    cubic: float
+    sigma: float
 
 
-KERNELS = {RK4: kernel_of(runge_kutta_4), EULER: kernel_of(euler_maruyama)}
+def rates(half_index, state, noise, p) -> X:
+    x = state.x
+    return X(p.table[half_index] * x - p.cubic * x * x * x + p.sigma * noise.w)
 
 
-def final_values(scheme, *arguments):
-    return KERNELS[scheme](*arguments)
+FLIGHTS = {
+    RK4: Flight(rates, noise=White),
+    EULER: Flight(rates, noise=White, integrator=euler_maruyama),
+}
+
+
+def final_values(scheme, trials, steps, step, increments, table, cubic, sigma):
+    """States after some steps from 1 on."""
+    schedule, parameters = periods(steps * step, steps * step, steps), Parameters(table, cubic, sigma)
+    options = {"trials": trials, "seed": 77, "increments": increments}
+    return FLIGHTS[scheme].fly(parameters, schedule, X(1.0), **options).final_state[0]
 
 
 def half_grid(steps, duration):
@@ -71,7 +58,7 @@ def observed_order(errors):
 def test_deterministic_order(scheme, order, refinements):
     # x' = cos(t) x, x(0) = 1 has the solution exp(sin t); the table makes a wrong half index lose the order
     errors = [
-        abs(final_values(scheme, 1, 1.0, n, 2.0 / n, 1, np.cos(half_grid(n, 2.0)), 0.0, 0.0)[0] - np.exp(np.sin(2.0)))
+        abs(final_values(scheme, 1, n, 2.0 / n, 1, np.cos(half_grid(n, 2.0)), 0.0, 0.0)[0] - np.exp(np.sin(2.0)))
         for n in refinements
     ]
     assert observed_order(errors) == pytest.approx(order, abs=0.15)
@@ -83,7 +70,7 @@ def test_strong_order_is_one_with_additive_noise(scheme):
 
     def on_the_same_paths(scheme, steps):
         table = -1.0 + 0.5 * half_grid(steps, duration)
-        return final_values(scheme, 16, 1.0, steps, duration / steps, finest // steps, table, 1.0, 0.8)
+        return final_values(scheme, 1024, steps, duration / steps, finest // steps, table, 1.0, 0.8)
 
     reference = on_the_same_paths(RK4, finest)
     errors = [np.sqrt(np.mean((on_the_same_paths(scheme, n) - reference) ** 2)) for n in (8, 16, 32, 64)]
@@ -91,22 +78,20 @@ def test_strong_order_is_one_with_additive_noise(scheme):
 
 
 def test_runge_kutta_is_far_more_accurate_than_euler_on_the_same_paths():
-    reference = final_values(RK4, 8, 1.0, 1024, 1 / 1024, 1, np.full(2049, -1.0), 1.0, 0.5)
+    reference = final_values(RK4, 512, 1024, 1 / 1024, 1, np.full(2049, -1.0), 1.0, 0.5)
     errors = []
     for scheme in (RK4, EULER):
-        values = final_values(scheme, 8, 1.0, 32, 1 / 32, 32, np.full(65, -1.0), 1.0, 0.5)
+        values = final_values(scheme, 512, 32, 1 / 32, 32, np.full(65, -1.0), 1.0, 0.5)
         errors.append(abs(np.mean(values - reference)))
     assert errors[0] < errors[1] / 20
 
 
 def test_weak_order_of_euler_maruyama_is_one():
     # dx = -x dt + sigma dB: mean exp(-T), variance sigma^2 (1 - exp(-2 T)) / 2
-    sigma, groups = 1.0, 6000
+    sigma, trials = 1.0, 384_000
     mean_errors, variance_errors = [], []
     for steps in (4, 8, 16):
-        values = final_values(
-            EULER, groups, 1.0, steps, 1.0 / steps, 16 // steps, np.full(2 * steps + 1, -1.0), 0.0, sigma
-        )
+        values = final_values(EULER, trials, steps, 1.0 / steps, 16 // steps, np.full(2 * steps + 1, -1.0), 0.0, sigma)
         mean_errors.append(np.exp(-1.0) - values.mean())
         variance_errors.append(values.var() - sigma**2 * (1.0 - np.exp(-2.0)) / 2.0)
     assert min(mean_errors + variance_errors) > 0.0
@@ -114,27 +99,22 @@ def test_weak_order_of_euler_maruyama_is_one():
     assert observed_order(variance_errors) == pytest.approx(1.0, abs=0.2)
 
 
-@inline_njit
-def oscillate(half_index, state, noise, parameters, out):
-    for lane in range(LANES):
-        out[0, lane] = state[1, lane]
-        out[1, lane] = -state[0, lane]
+class Pendulum(NamedTuple):
+    x: float
+    v: float
 
 
-semi_implicit = propagator(semi_implicit_euler(1), oscillate, observe_nothing)
-explicit = propagator(euler_maruyama, oscillate, observe_nothing)
+def oscillate(state) -> Pendulum:
+    return Pendulum(state.v, -state.x)
 
 
-@pytest.mark.parametrize(("propagate", "keeps_energy"), [(semi_implicit, True), (explicit, False)])
-def test_semi_implicit_euler_is_of_first_order_and_keeps_the_energy_of_an_oscillator(propagate, keeps_energy):
-    @njit(error_model="numpy")
+@pytest.mark.parametrize(("integrator", "keeps_energy"), [(semi_implicit_euler(1), True), (euler_maruyama, False)])
+def test_semi_implicit_euler_is_of_first_order_and_keeps_the_energy_of_an_oscillator(integrator, keeps_energy):
+    flight = Flight(oscillate, integrator=integrator)
+
     def fly(steps, step):
-        state = np.zeros((2, LANES))
-        state[0] = 1.0
-        history, observed, maximum = np.empty((2, 2, LANES)), np.empty((2, 0, LANES)), np.empty((0, LANES))
-        brownian = Brownian(0, 0, 0, 0, 0, 1)
-        propagate((0.0,), Segment(steps, step, steps), brownian, state, history, observed, maximum)
-        return state[:, 0]
+        schedule = periods(steps * step, steps * step, steps)
+        return flight.fly((), schedule, Pendulum(1.0, 0.0)).final_state[:, 0]
 
     errors = [np.abs(fly(n, 1.0 / n) - [np.cos(1.0), -np.sin(1.0)]).max() for n in (64, 128, 256, 512)]
     assert observed_order(errors) == pytest.approx(1.0, abs=0.1)

@@ -13,8 +13,8 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
 from marsedl.papers.random_field import components, environment, figures
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
-from marsedl.papers.random_field.records import CLOSED, OPEN, VARIANTS, Convergence
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from marsedl.papers.random_field.records import CLOSED, OPEN
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE
 
 DRAWN = 12  # trials, see the fixtures
 
@@ -72,7 +72,7 @@ def band(axes, along=0):
     return places, np.array([edge.min() for edge in edges]), np.array([edge.max() for edge in edges])
 
 
-@pytest.mark.parametrize("stem", sorted(set(catalogue("random_field").figures) - {"convergence"}))
+@pytest.mark.parametrize("stem", sorted(catalogue("random_field").figures))
 def test_every_figure_draws_with_few_flights_and_without_laws(draw, random_field, stem):
     """One flight and one sample; the printed reading, whose partition gives no law and whose flights are all lost."""
     flown = "aerocapture" in inspect.signature(getattr(figures, stem)).parameters
@@ -345,40 +345,6 @@ def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
 
 
 # --- beyond the paper -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def history():
-    """A cycle and another end, with lost trials in the last variant."""
-    rows = np.arange(2)[:, np.newaxis]
-    iterations = np.arange(5)
-    apoapsis = 5.0 + 0.1 * np.where(rows == 1, 0.5, (-1.0) ** iterations)
-    return Convergence(
-        variant=np.array(VARIANTS),
-        outcome=np.array(["cycling", "stopped"]),
-        period=np.array([2, 0]),
-        apoapsis=apoapsis,
-        nominal_delta_v=280.0 + 10 * apoapsis,
-        predicted=np.where(iterations == 0, 374.0, 285.0 + rows + iterations / 10),
-        percentile=np.where(iterations == 0, 589.0, 300.0 + rows - iterations / 10),
-        percentile_error=np.full((2, 5), 0.5),
-        lost=np.where((rows == 1) & (iterations > 0), iterations, 0),
-        control_change=np.zeros((2, 5)),
-    )
-
-
-def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
-    figure = inputs_of("convergence").call(figures.convergence, history)
-    apoapsis, percentile = figure.axes
-    for row, color in enumerate((VERMILION, GREEN)):
-        (line,) = curves(apoapsis, color)
-        np.testing.assert_array_equal(line.get_ydata(), history.apoapsis[row])
-        container = percentile.containers[row]
-        np.testing.assert_array_equal(container.lines[0].get_ydata(), history.percentile[row, 1:])
-        np.testing.assert_allclose(np.diff(bars(container)), 3.0)  # three standard errors on either side
-        (predicted,) = curves(percentile, color, "--")
-        np.testing.assert_array_equal(predicted.get_xydata()[:, 1], history.predicted[row, 1:])
-        np.testing.assert_array_equal(predicted.get_xdata(), [1, 2, 3, 4])
 
 
 def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random_field):

@@ -7,7 +7,7 @@ from matplotlib.colors import same_color
 
 from marsedl.montecarlo.statistics import variance_sampling_band
 from marsedl.plotting.fields import Field
-from marsedl.plotting.forms import covariance_ellipse, distribution, iterations, predicted_against_sampled
+from marsedl.plotting.forms import covariance_ellipse, distribution, predicted_against_sampled
 from marsedl.plotting.style import BLACK, BLUE, new_figure
 from marsedl.replication.records.fields import Axis, quantity, record
 
@@ -65,16 +65,3 @@ def test_the_histogram_of_a_distribution_counts_lost_samples_and_those_outside()
     assert np.trapezoid(normal.get_ydata(), normal.get_xdata()) == pytest.approx(1.0, abs=1e-4)
     assert heights.max() == pytest.approx(normal.get_ydata().max(), rel=0.15)
     assert axes.get_xlabel() == r"$\Delta v$ (m/s)" and axes.get_xlim() == (0.0, 20.0)
-
-
-def test_an_iteration_shows_three_standard_errors_from_its_first_pass():
-    _, (plain, bars) = new_figure(ncols=2)
-    history = Field(np.array([5.0, 4.0, 3.0]), "cost", "kg")
-    iterations(plain, history, color=BLUE, label="cost")
-    np.testing.assert_array_equal(plain.lines[0].get_xydata(), [[0, 5], [1, 4], [2, 3]])
-    iterations(bars, history, error=history.of([0.0, 0.1, 0.2]), first=1, color=BLUE)
-    (ends,) = (part for part in bars.collections)
-    np.testing.assert_allclose([segment[:, 1] for segment in ends.get_segments()], [[3.7, 4.3], [2.4, 3.6]])
-    for axes in (plain, bars):
-        assert (axes.get_xlabel(), axes.get_ylabel()) == ("iteration", "cost (kg)")
-        assert axes.get_xticks().tolist() == [0, 1, 2]

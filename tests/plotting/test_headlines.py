@@ -28,7 +28,7 @@ def claim(name: str, printed, value, unit: str = "m", headline: int | None = Non
 
 def margin(value: float, limit: float) -> dict:
     """The measure that decides a statement."""
-    fixed = {"measure": "it", "unit": "kg", "distance": 1.0, "in": "limits", "standard_error": 0.0}
+    fixed = {"measure": "it", "unit": "kg", "distance": 1.0, "in": "limits", "standard_error": 0.02}
     return fixed | {"value": value, "limit": limit}
 
 
@@ -44,12 +44,13 @@ def test_every_headline_claim_is_in_the_picture_at_its_numbers():
     assert list(single.lines[0].get_xdata()) == [5.0, 4.0]
     assert statement.containers[1].lines[0].get_xdata() == pytest.approx([0.5])
     texts = [text.get_text() for ax in (ends, single, statement) for text in ax.texts]
-    assert texts[::2] == ["both ends", "mass is so", "small is so"]
-    assert texts[1::2] == [
-        "differs: printed -2 to 3 m, ours -1 to 4 m",
-        "differs: printed 5 m, ours 4 m",
-        "holds: 0.5, limit 1 kg",
+    assert texts == [
+        *("both ends", "differs: printed -2 to 3 m, ours -1 to 4 m"),
+        *("mass is so", "differs: printed 5 m, ours 4 m"),
+        *("small is so", "holds: 0.500 ± 0.020, limit 1 kg", "measure: it"),
     ]
+    assert [ax.get_title("left")[:4] for ax in (ends, single, statement)] == ["(a) ", "(b) ", "(c) "]
+    assert min(text.get_fontsize() for ax in (ends, single, statement) for text in ax.texts) >= 8
 
 
 def test_numbers_of_several_units_are_drawn_over_what_is_printed():

@@ -103,7 +103,7 @@ def test_the_gate_passes_until_a_number_moves(small, runner):
     assert {name for name in before if before[name] != after[name] and name.startswith("data/")} == set()
     compared = runner("Compare with your reference")
     assert compared.returncode == 1, compared.stdout
-    moved = re.findall(r"(?m)^  (?:verdict of )?(\S+)", compared.stdout)
+    moved = re.findall(r"(?m)^  (?:.* \()?(?:verdict of )?(\S+)", compared.stdout)
     assert any("mine" in name for name in moved)
     assert not [name for name in moved if name.startswith(("corrected/", "printed/"))]
     assert "if the changes are intended, run 'marsedl accept --reference" in compared.stdout

@@ -1,9 +1,9 @@
-"""Ensembles of trials: the compiled inner loop of a group, and the reduction of any number of trials block by block.
+"""Ensembles of trials: what a block of them flew, and the reduction of any number of blocks.
 
-A paper compiles its loop by `propagator`, writes a kernel of a few lines that runs it in a `prange` and a function
-`simulate_block(first_trial, last_trial) -> Trajectories` around it. `run_blocks` simulates a chunk of trials block by
-block and reduces each block at once, so memory does not grow with the histories; `merge` joins all chunks. Blocks
-have a fixed size and are merged in their order: the result is bitwise the same for every number of chunks. Both keep
+A paper writes a function `simulate_block(first_trial, last_trial) -> Trajectories`, around `flights.Flight.fly` or in
+numpy. `run_blocks` simulates a chunk of trials block by block and reduces each block at once, so memory does not grow
+with the histories; `merge` joins all chunks. Blocks have a fixed size and are merged in their order: the result is
+bitwise the same for every number of chunks. Both keep
 every final state; `reduce_blocks` keeps only what its caller makes of a block.
 """
 
@@ -11,155 +11,16 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
-from marsedl.montecarlo.outcomes import COMPLETED, NON_FINITE
+from marsedl.montecarlo.lanes import LANES
+from marsedl.montecarlo.outcomes import NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
-from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 from marsedl.summaries import summary
 
 BLOCK_SIZE = 1000
-
-
-# ---- the compiled loop of one group ----------------------------------------------------------------------------------
-
-
-@inline_njit
-def _update_maximum(observation, maximum):
-    for row in range(maximum.shape[0]):
-        for lane in range(LANES):
-            # np.maximum keeps NaN, so a trial that went wrong in between shows it.
-            maximum[row, lane] = np.maximum(maximum[row, lane], observation[row, lane])
-
-
-@inline_njit
-def _copy(source, destination):
-    for row in range(source.shape[0]):
-        for lane in range(LANES):
-            destination[row, lane] = source[row, lane]
-
-
-@inline_njit
-def _record(index, source, destination):
-    for row in range(source.shape[0]):
-        for lane in range(LANES):
-            destination[index, row, lane] = source[row, lane]
-
-
-class Segment(NamedTuple):
-    """Steps of equal length without a change of the model."""
-
-    steps: int
-    step: float  # s
-    steps_per_output: int  # must divide steps, see `output_count`
-
-
-class Brownian(NamedTuple):
-    """Which Brownian increments drive a group of trials; see `streams` for the normals behind them."""
-
-    size: int  # components of the noise, 0 or more
-    seed: int
-    stream: int
-    first_trial: int  # of lane 0
-    first_increment: int  # fine increments used by earlier segments
-    increments_per_step: int  # fine increments in one step
-
-
-def propagator(scheme, drift, observe):
-    r"""Compile the inner loop of a model; a paper does so once, at the top of its module.
-
-    scheme: one of `integrators`. drift: see `integrators`. observe: a function
-    `observe(half_index, state, parameters, out)` that writes the observed quantities, out (n_observed, LANES).
-
-    Returns the compiled function
-
-        propagate(parameters, segment, brownian, state, history, observed, observed_maximum)
-
-    which carries one group of LANES consecutive trials over one segment; it is called once per segment. The Brownian
-    increment of component $j$ over step $k$ is
-
-        $\sqrt{\frac{h}{q}} \sum_{i < q} z\left[ (\text{first_increment} + q k + i) m + j \right], \quad q =
-          \text{increments_per_step}, \quad m = \text{size},$
-
-    with $z$ the normals of (seed, stream, trial). A coarse run with step $q h$ and $q$ fine increments per step
-    therefore follows the Brownian path of the run with step $h$. The drift receives increment / step. Arguments:
-
-    parameters: passed on; its tables must reach half index 2 steps (not checked here).
-    segment: `Segment`. brownian: `Brownian`.
-    state: (n, LANES), initial state, replaced by the final one.
-    history: (steps / steps_per_output + 1, n, LANES), filled: states at the start, at every output and at the end.
-    observed: (steps / steps_per_output + 1, n_observed, LANES), filled likewise.
-    observed_maximum: (n_observed, LANES), raised to the largest value at the start of every step and at the end;
-    start it at -inf before the first segment. NaN is kept.
-
-    and it returns the first_increment of the next segment.
-    """
-    advance = scheme(drift)
-
-    # Not inlined into the kernel: several segments share its code, and its scratch on the stack ends with it.
-    @njit(error_model="numpy")
-    def propagate(
-        parameters,
-        segment,
-        brownian,
-        state,
-        history,
-        observed,
-        observed_maximum,
-    ):
-        steps, step, steps_per_output = segment
-        noise_size, seed, stream, first_trial, first_increment, increments_per_step = brownian
-        rows = state.shape[0]
-        current = lane_array(rows)
-        _copy(state, current)
-        work = (lane_array(rows), lane_array(rows), lane_array(rows))
-        bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-        block_of_normals = lane_array(NORMALS_PER_BLOCK)
-        noise = lane_array(noise_size)
-        observation = lane_array(observed_maximum.shape[0])
-        scale = np.sqrt(step / increments_per_step) / step
-        number = first_increment * noise_size
-        filled_block = -1
-
-        for step_index in range(steps):
-            observe(2 * step_index, current, parameters, observation)
-            _update_maximum(observation, observed_maximum)
-            if step_index % steps_per_output == 0:
-                output = step_index // steps_per_output
-                _record(output, current, history)
-                _record(output, observation, observed)
-
-            for component in range(noise_size):
-                for lane in range(LANES):
-                    noise[component, lane] = 0.0
-            for _ in range(increments_per_step):
-                for component in range(noise_size):
-                    block = number // NORMALS_PER_BLOCK
-                    if block != filled_block:
-                        fill_normals(seed, stream, first_trial, block, bits, block_of_normals)
-                        filled_block = block
-                    position = number % NORMALS_PER_BLOCK
-                    for lane in range(LANES):
-                        noise[component, lane] += block_of_normals[position, lane]
-                    number += 1
-            for component in range(noise_size):
-                for lane in range(LANES):
-                    noise[component, lane] *= scale
-
-            advance(step_index, step, current, noise, parameters, work)
-
-        observe(2 * steps, current, parameters, observation)
-        _update_maximum(observation, observed_maximum)
-        _record(steps // steps_per_output, current, history)
-        _record(steps // steps_per_output, observation, observed)
-        _copy(current, state)
-        return first_increment + steps * increments_per_step
-
-    return propagate
 
 
 def output_count(steps, steps_per_output):
@@ -207,25 +68,6 @@ def pad_to_groups(array):
     array = np.asarray(array, dtype=float)
     missing = _group_count(array.shape[-1]) * LANES - array.shape[-1]
     return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
-
-
-def new_trajectories(initial_state, times, n_observed):
-    """Storage for whole groups, for a kernel to fill.
-
-    initial_state: (n, trials), copied to `final_state` with the last trial repeated to a whole number of groups.
-    times: number of outputs, of all segments together. n_observed: observed quantities. Maxima start at -inf,
-    outcomes at COMPLETED, lengths at all outputs.
-    """
-    final_state = pad_to_groups(initial_state)
-    n, padded = final_state.shape
-    return Trajectories(
-        history=np.empty((times, n, padded)),
-        observed=np.empty((times, n_observed, padded)),
-        observed_maximum=np.full((n_observed, padded), -np.inf),
-        final_state=final_state,
-        outcome=np.full(padded, COMPLETED, np.int8),
-        length=np.full(padded, times, np.int64),
-    )
 
 
 SimulateBlock = Callable[[int, int], Trajectories]

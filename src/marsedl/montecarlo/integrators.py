@@ -1,13 +1,12 @@
 """Fixed-step integrators over a group of trials, for ordinary and for additive-noise stochastic differential equations.
 
-The model is a function `drift(half_index, state, noise, parameters, out)`, itself compiled with `inline_njit`:
+`flights` binds a scheme to a model, whose `rates` it calls for every lane of a group. To a scheme the model is a
+compiled function `drift(half_index, state, noise, parameters, out)`:
 
 - half_index: position in the tables, which are sampled on the half-step grid: step k goes from 2 k to 2 k + 2;
 - state: (n, LANES); noise: (m, LANES), white noise held over the step = Brownian increment / step;
-- parameters: whatever the model needs, usually a tuple of arrays and scalars;
-- out: (n, LANES), the time derivative of the state, to be written in loops `for lane in range(LANES)`.
-
-Look-ups that do not depend on the lane belong before the lane loop.
+- parameters: whatever the drift needs, a tuple;
+- out: (n, LANES), the time derivative of the state, written.
 
 A scheme takes the drift and returns the compiled function
 `advance(step_index, step, state, noise, parameters, work)` of one step:

@@ -35,42 +35,22 @@ PRINTED_CROSS = {"color": PURPLE, "marker": "x", "markersize": 7, "markeredgewid
 
 
 def plot(axes: Axes, source: Any, path: str = "", *, label: str | None = None, **how: Any) -> list[Line2D]:
-    """Draw a field as a curve.
+    """Draw a field as a curve; returns the lines: one, or one for each piece.
 
-    Args:
-        axes: to draw on.
-        source: a record, or a `Field`.
-        path: of the field in the record.
-        label: for the legend.
-        how: `unit`, `name`, `at`, `x` and `pieces` as `fields.field` takes them, and any style of a line.
+    source: a record, or a `Field`; path: of the field in the record; label: for the legend; how: `unit`, `name`, `at`,
+    `x` and `pieces` as `fields.field` takes them, and any style of a line.
 
-    Returns:
-        The lines: one, or one for each piece.
-
-    Raises:
-        ValueError: as `field` does; the field is not a curve; or the axes show another unit.
-
+    Raises ValueError as `field` does, if the field is not a curve, or if the axes show another unit.
     """
     curve, style = _field_and_style(source, path, how)
     return _lines(axes, curve, label, style)
 
 
 def trials(axes: Axes, source: Any, path: str = "", *, label: str | None = "{count} flights", **how: Any) -> int:
-    """Draw a field of (trials, ...) as one thin curve for each trial.
+    """Draw a field of (trials, ...) as one thin curve for each trial; returns how many are drawn.
 
-    Args:
-        axes: to draw on.
-        source: a record, or a `Field`.
-        path: of the field in the record.
-        label: for the legend, with `{count}` for the number of trials drawn; None for none.
-        how: as for `plot`.
-
-    Returns:
-        The number of trials drawn.
-
-    Raises:
-        ValueError: as `plot` does.
-
+    source, path and how: as for `plot`, which also says what is raised; label: for the legend, with `{count}` for the
+    number of trials drawn; None for none.
     """
     curves, style = _field_and_style(source, path, how)
     if curves.values.ndim != 2:
@@ -85,18 +65,11 @@ def trials(axes: Axes, source: Any, path: str = "", *, label: str | None = "{cou
 
 
 def bounds(axes: Axes, lower: Field, upper: Field, *, filled: bool = False, label: str | None = None, **style) -> None:
-    """Draw two bounds as lines with one entry in the legend, or shade what lies between them.
+    """Draw two bounds as lines with one entry in the legend, or, if `filled`, shade what lies between them.
 
-    Args:
-        axes: to draw on.
-        lower, upper: fields at the same places, such as those of `fields.sigma_bounds`.
-        filled: whether to shade the band instead.
-        label: for the legend.
-        style: of the lines, or of the band.
+    lower, upper: fields at the same places, such as those of `fields.sigma_bounds`; style: of the lines, or the band.
 
-    Raises:
-        ValueError: the axes show another unit.
-
+    Raises ValueError if the axes show another unit.
     """
     if filled:
         name_axes(axes, lower)

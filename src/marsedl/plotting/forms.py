@@ -4,7 +4,6 @@ A covariance in a plane, a predicted variance against a sampled one, the distrib
 and the history of an iteration with standard errors.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from marsedl.montecarlo.statistics import variance_sampling_band
-from marsedl.plotting.curves import bounds, mark, name_axes, plot
+from marsedl.plotting.curves import bounds, mark, plot
 from marsedl.plotting.ellipses import ellipse
 from marsedl.plotting.fields import Field, field
 from marsedl.plotting.style import BLACK, SKY
@@ -31,23 +30,11 @@ def covariance_ellipse(
     units: tuple[str, str] = ("", ""),
     **style: Any,
 ) -> np.ndarray:
-    """Draw the ellipse of two components about their mean.
+    """Draw the ellipse of two components about their mean; returns the curve (points, 2), in the units that are shown.
 
-    Args:
-        axes: to draw on.
-        record: an artifact with the fields `mean` and `covariance`.
-        components: to the right and upwards.
-        sigma: size of the ellipse, in standard deviations.
-        at: index in all further dimensions, by their names.
-        units: to show the components in, if not their own.
-        style: of the line.
-
-    Returns:
-        The curve (points, 2), in the units that are shown.
-
-    Raises:
-        ValueError: as `fields.field` does.
-
+    record: an artifact with the fields `mean` and `covariance`; components: to the right and upwards; sigma: size of
+    the ellipse, in standard deviations; at: index in all further dimensions, by their names; units: to show the
+    components in, if not their own; style: of the line. Raises ValueError as `fields.field` does.
     """
     means = [
         field(record, f"mean.{component}", unit=unit, at=at) for component, unit in zip(components, units, strict=True)
@@ -68,18 +55,11 @@ def predicted_against_sampled(
 ) -> None:
     """Draw a predicted variance with the band in which that of a sample lies, and the sample's; below, their ratio.
 
-    Args:
-        variance: axes of the variances.
-        ratio: axes of the ratio, in percent of the prediction.
-        predicted: variance over time.
-        sampled: variance of the sample, at any of these times.
-        count: size of the sample, which is taken as normal.
-        label: of the prediction, for the legend.
-        style: of the prediction's line; its colour is the band's.
+    variance: axes of the variances; ratio: axes of the ratio, in percent of the prediction; predicted: variance over
+    time; sampled: variance of the sample, at any of these times; count: size of the sample, which is taken as normal;
+    label: of the prediction; style: of its line, whose colour is the band's.
 
-    Raises:
-        ValueError: the variances are in different units.
-
+    Raises ValueError if the variances are in different units.
     """
     expected = predicted.at(sampled)
     share = sampled.of(100.0 * (sampled.values / expected.values - 1.0), "sampled against\npredicted", "%")
@@ -107,16 +87,9 @@ def distribution(
 
     Samples that are not finite, or outside of the window, count in the size of the sample, but are not shown.
 
-    Args:
-        axes: to draw on.
-        samples: (count,); its name and unit are those of the horizontal axis.
-        window: least and largest value that is shown.
-        normal: mean and standard deviation of the normal density, which is left out if they are not finite.
-        style: of the histogram.
-
-    Returns:
-        Heights (bins,) and edges (bins + 1,) of the histogram.
-
+    samples: (count,); its name and unit are those of the horizontal axis; window: least and largest value that is
+    shown; normal: mean and standard deviation of the normal density, which is left out if they are not finite; style:
+    of the histogram. Returns heights (bins,) and edges (bins + 1,) of the histogram.
     """
     inside = samples.values[(samples.values >= window[0]) & (samples.values <= window[1])]
     # As fine as the samples' spread asks for: a wide window may hold a small spread.
@@ -133,29 +106,3 @@ def distribution(
         axes.plot(value, density, color=BLACK)
     axes.set(xlabel=samples.label, xlim=window)
     return heights, edges
-
-
-def iterations(axes: Axes, values: Field, *, error: Field | None = None, first: int = 0, **style: Any) -> None:
-    """Draw what an iteration arrives at in each pass, with three standard errors.
-
-    Args:
-        axes: to draw on; its ticks become whole numbers.
-        values: (passes,), from pass 0.
-        error: standard errors (passes,).
-        first: pass with which to begin.
-        style: of the line and its markers; `label` for the legend.
-
-    Raises:
-        ValueError: the axes show another unit.
-
-    """
-    last = len(values.values) - 1
-    passes = Field(np.arange(last + 1), "iteration", "1")
-    curve = dataclasses.replace(values, x=passes).where(slice(first, None))
-    style = {"marker": "o", "markersize": 4} | style
-    if error is None:
-        plot(axes, curve, **style)
-    else:
-        name_axes(axes, curve)
-        axes.errorbar(curve.x.values, curve.values, 3 * error.values[first:], **{"capsize": 2} | style)
-    axes.set_xticks(np.arange(0, last + 1, max(1, last // 10)))

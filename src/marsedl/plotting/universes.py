@@ -13,6 +13,7 @@ from marsedl.replication.universes.waves import Matching, Wave
 
 COLOURS = {"reproduced or holds": BLUE, "undetermined": GREY, "differs or fails": VERMILION}
 SHOWN = 6  # choices below a specification curve
+SMALL = 8  # points, of the smallest text
 LARGEST_SIZE = 30.0  # of a change in the heat map's colours
 
 
@@ -29,7 +30,7 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(
-        6.4, 2.4 + 0.17 * len(rows), nrows=2, sharex=True, height_ratios=(2.2, max(0.17 * len(rows), 0.4))
+        6.4, 2.4 + 0.2 * len(rows), nrows=2, sharex=True, height_ratios=(2.2, max(0.2 * len(rows), 0.4))
     )
     x = np.arange(len(order))
     groups = {
@@ -54,7 +55,8 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
         axes[0].set_yscale("symlog", linthresh=typical)
     axes[0].set_title(title or in_words(claim))
     axes[0].set_ylabel(str(table.component[place]) if place is not None else "")
-    axes[0].legend(loc="best")
+    if axes[0].get_legend_handles_labels()[0]:
+        axes[0].legend(loc="best")
     _dots(axes[1], judge, rows, order)
     axes[1].set_xlabel(f"universes, sorted by value ({len(table.number) - len(order)} without a value)")
     return figure
@@ -80,7 +82,7 @@ def _dots(axes, judge: Judge, rows: list[tuple[Choice, Value | None]], order: li
             at = np.flatnonzero(numbers == list(one.alternatives).index(value))
             axes.plot(at, np.full(len(at), k), "|", ms=5, color=BLUE)
             labels.append(f"{in_words(one.name)}: {in_words(value)}")
-    axes.set_yticks(np.arange(len(rows)), labels, fontsize=6.5)
+    axes.set_yticks(np.arange(len(rows)), labels, fontsize=SMALL)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(visible=False, axis="x")
 
@@ -89,7 +91,7 @@ def tornado(judge: Judge, claim: str, title: str = ""):
     """Draw how far each value of each choice, by itself, moves a claim's number towards what is printed, or away."""
     effects = [one for one in judge.effects(claim) if np.isfinite(one.size) and one.counts]
     names = list(dict.fromkeys(one.choice for one in effects))[:12]
-    figure, axes = new_figure(6.4, 1.3 + 0.36 * max(len(names), 1))
+    figure, axes = new_figure(6.4, 1.3 + 0.5 * max(len(names), 1))
     for k, name in enumerate(names):
         own = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
         for place, one in enumerate(own):
@@ -98,7 +100,7 @@ def tornado(judge: Judge, claim: str, title: str = ""):
             axes.barh(k, size, height=0.5, color=BLUE if one.towards else VERMILION, alpha=0.55)
             height = k - 0.33 if place % 2 else k + 0.33
             text = f"{in_words(one.value)}{' (turns it)' if turned else ''}"
-            axes.annotate(text, (size, height), ha="center", va="center", fontsize=6)
+            axes.annotate(text, (size, height), ha="center", va="center", fontsize=SMALL)
     axes.set_xscale("symlog", linthresh=1.0)
     axes.set_xlim(-2 * LARGEST_SIZE, 2 * LARGEST_SIZE)
     axes.axvline(0.0, color=BLACK, lw=0.8)
@@ -126,7 +128,7 @@ def heat_map(judge: Judge, claims: Sequence[str]):
             sizes.append(row)
             turned.append(turns)
             kept.append(claim)
-    figure, axes = new_figure(2.4 + 0.26 * len(choices), 1.8 + 0.15 * max(len(kept), 1))
+    figure, axes = new_figure(3.0 + 0.26 * len(choices), 2.2 + 0.19 * max(len(kept), 1))
     if kept:
         shown = np.log10(np.clip(np.nan_to_num(sizes), 0.1, LARGEST_SIZE))
         image = axes.imshow(shown, cmap="Blues", aspect="auto", vmin=-1.0, vmax=np.log10(LARGEST_SIZE))
@@ -135,10 +137,9 @@ def heat_map(judge: Judge, claims: Sequence[str]):
         bar = figure.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.set_ticklabels(["0.1", "1", "10"])
         bar.set_label("change over noise and rounding")
-    axes.set_xticks(
-        np.arange(len(choices)), [in_words(one.name) for one in choices], rotation=60, ha="right", fontsize=6.5
-    )
-    axes.set_yticks(np.arange(len(kept)), [in_words(one) for one in kept], fontsize=6)
+    names = [in_words(one.name) for one in choices]
+    axes.set_xticks(np.arange(len(choices)), names, rotation=60, ha="right", fontsize=SMALL)
+    axes.set_yticks(np.arange(len(kept)), [in_words(one) for one in kept], fontsize=SMALL)
     axes.grid(visible=False)
     return figure
 
@@ -185,7 +186,7 @@ def closing_in(waves: Sequence[Wave], choices: Sequence[Choice]):
         for share in waves[-1].shares.get(one.name, []):
             axes[1].barh(k, share, left=left, height=0.7, color=BLUE, alpha=0.25 + 0.75 * share, ec="white", lw=0.8)
             left += share
-    axes[1].set_yticks(np.arange(len(choices)), [in_words(one.name) for one in choices], fontsize=6.5)
+    axes[1].set_yticks(np.arange(len(choices)), [in_words(one.name) for one in choices], fontsize=SMALL)
     axes[1].set_ylim(len(choices) - 0.4, -0.6)
     axes[1].set_xlabel("values among what is left, in their order")
     axes[1].grid(visible=False)

@@ -13,6 +13,7 @@ from marsedl.replication.checks.compare import (
     changed_inputs,
     judged_in_one,
     moved_claims,
+    named,
     numbers_of,
     of_other_build,
     of_reading,
@@ -107,15 +108,16 @@ def test_inputs_that_differ_are_named_with_both_values():
 
 def test_what_is_not_built_or_not_known_is_refused(tmp_path):
     study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
-    for name, message in {
-        "universe:x": "write universe:NUMBER",
-        "universe:3": "run 'snakemake report/universes/powered_descent.h5'",
+    for name, message in {"universe:x": "write universe:NUMBER", "printd": "did you mean 'printed'"}.items():
+        with pytest.raises(InputError, match=message):
+            named(name, study)
+    assert named("there/a:universe:3", study) == (Path("there/a"), 3) and named("printed", study) == (None, "printed")
+    for of, message in {
+        3: "run 'snakemake report/universes/powered_descent.h5'",
         "printed": "run 'snakemake report/claims/powered_descent.json'",
     }.items():
         with pytest.raises(InputError, match=message):
-            side_of(name, study, tmp_path)
-    with pytest.raises(InputError, match="no reading 'printd'; did you mean 'printed'"):
-        of_reading("printd", study, [], tmp_path)
+            side_of(of, study, tmp_path)
     with pytest.raises(InputError, match="the claims of printed are not built"):
         of_reading("printed", study, [], tmp_path)
 

@@ -47,7 +47,7 @@ def test_a_number_may_move_by_its_error_and_nothing_goes_unsaid(gate, rows, stat
 
 def test_the_tolerance_is_the_callers(gate):
     text = f"{HEAD}range,4.05,km,0.03\nmass,1349.4,kg,\n"
-    assert [gate(text, "--tolerance", f"{errors}se")[0] for errors in (2, 3)] == [1, 0]
+    assert [gate(text, "--tolerance", errors)[0] for errors in ("2se", "3se", "2", "3")] == [1, 0, 1, 0]
     assert gate(text, "--tolerance", "3 %")[0] == 2
 
 

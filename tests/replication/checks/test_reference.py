@@ -188,8 +188,8 @@ def test_a_changed_verdict_fails_and_stands_first(project, capsys):
     assert "2 verdicts changed, 1 numbers beyond tolerance" in output
     header, first, second, third = output.splitlines()[1:5]
     assert header.split() == ["claim", "or", "field", "accepted", "now", "apart"]
-    assert first.split() == ["verdict", "of", "final_mass,", "corrected", "differs", "close", "0", "tolerances"]
-    assert second.split() == ["verdict", "of", "final_mass,", "printed", "–", "fails"]
+    assert first.split() == ["x", "(verdict", "of", "final_mass,", "corrected)", "differs", "close", "0", "tolerances"]
+    assert second.split() == ["x", "(verdict", "of", "final_mass,", "printed)", "–", "fails"]
     assert third.startswith("  and 1 numbers of 1 artifacts")
 
 
@@ -197,7 +197,7 @@ def test_claims_that_are_new_or_gone_fail(project, capsys):
     claim(project, 1349.4, names=("final_mass", "fuel"))
     assert cli.main(["verify", "--no-rebuild"]) == 1
     output = capsys.readouterr().out.splitlines()
-    assert ["verdict", "of", "fuel,", "corrected", "–", "differs"] in [line.split() for line in output]
+    assert ["x", "(verdict", "of", "fuel,", "corrected)", "–", "differs"] in [line.split() for line in output]
     claim(project, 1349.4, names=("fuel",))
     assert cli.main(["verify", "--no-rebuild"]) == 1
     output = [line.split() for line in capsys.readouterr().out.splitlines()]
@@ -222,7 +222,7 @@ def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now
     assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in output
     assert "1 printed claims differ from those accepted" in output
     row = [cell for cell in output.splitlines()[2].split("  ") if cell]
-    assert row == ["the paper's final_mass", "1346 kg, deterministic, last digit 1", now]
+    assert row == ["x (the paper's final_mass)", "1346 kg, deterministic, last digit 1", now]
     assert cli.main(["accept"]) == 0
     assert cli.main(["verify", "--no-rebuild"]) == 0
 
@@ -271,7 +271,7 @@ def test_the_log_and_the_summary_begin_with_what_was_changed(project, capsys, mo
         "  powered_descent, code behind gains",
         "  powered_descent, library numpy 2.5.0",
     ]
-    assert lines[head + 6].split()[:3] == ["final_mass/corrected", "1349.4", "1350"]
+    assert lines[head + 6].split()[:4] == ["x", "(final_mass/corrected)", "1349.4", "1350"]
     assert "--all" in lines[head + 7]
     above, folded = summary.read_text(encoding="utf-8").split("<details>")
     assert above.splitlines()[1] == lines[head]

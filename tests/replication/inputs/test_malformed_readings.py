@@ -11,6 +11,7 @@ from marsedl.papers import SLUGS, input_model
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.inputs.sections import KNOWN_SUFFIXES
+from marsedl.replication.inputs.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
 MODELS = {slug: input_model(slug) for slug in SLUGS}
@@ -30,6 +31,19 @@ def refusal(path, slug, section, body) -> str:
     assert "readings.mine" in message
     assert "\n" not in message
     return message
+
+
+def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(tmp_path):
+    path = tmp_path / "mine.yaml"
+    reading = {"based_on": "corrected", "mission": {"velocityy": {"value": 1.0}}, "vehicl": {}, "frozen": "x"}
+    path.write_text(yaml.safe_dump({"powered_descent": {"readings": {"mine": reading}}}), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_studies({"powered_descent": MODELS["powered_descent"]}, ROOT, config_files=[path])
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len({*lines}) == 3 and all(line.startswith(f"{path}:") for line in lines)
+    path.write_text("noise: {value: 0,5}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 1: the comma before 5 begins another key; write .* a decimal point"):
+        read_yaml(path)
 
 
 @settings(max_examples=30, deadline=None)

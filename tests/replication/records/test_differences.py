@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import h5py
 import numpy as np
 import pytest
+from matplotlib.image import imsave
 
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.records.differences import difference, digest, digest_tree
@@ -230,10 +231,20 @@ def test_difference_of_folders(tmp_path):
         (side / "fig.png").write_bytes(side.name.encode())
         (side / f"only_{side.name}.txt").write_text("")
     assert difference(a, b) == [
-        "fig.png: bytes differ (1 and 1 bytes)",
+        "fig.png: bytes differ (1 and 1 bytes), first in line 1: a and b",
         f"only_a.txt: only in {a}",
         f"only_b.txt: only in {b}",
     ]
     assert difference(a, a) == []
     with pytest.raises(InputError, match="a: is a folder: name two files or two folders"):
         difference(a, b / "fig.png")
+
+
+def test_pictures_differ_by_pixels_and_texts_by_their_first_line(tmp_path):
+    pixels = np.zeros((4, 5, 3))
+    for name, red in (("a", 0.0), ("b", 1.0)):
+        pixels[1, 2:4, 0] = red
+        imsave(tmp_path / f"{name}.png", pixels)
+        (tmp_path / f"{name}.md").write_text(f"same\n{name}\n")
+    assert difference(tmp_path / "a.png", tmp_path / "b.png")[0].endswith("a.png: 10.00% of the pixels differ")
+    assert difference(tmp_path / "a.md", tmp_path / "b.md")[0].endswith("(7 and 7 bytes), first in line 2: a and b")

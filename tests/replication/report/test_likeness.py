@@ -1,16 +1,13 @@
 """How far a figure looks as the paper's own one, by the verdicts on what the paper says of it."""
 
-import inspect
-import re
 from pathlib import Path
 
 import pytest
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.printed import load_published
 from marsedl.replication.errors import InputError
-from marsedl.replication.pipeline.catalogue import Paper, Product, entry_of, function_of
+from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.report.likeness import NOT_COMPARABLE, OTHER, OTHER_SCALE, SAME, likeness
 from marsedl.replication.report.texts import with_texts
 
@@ -27,6 +24,7 @@ KINDS = {
     "grows": ("qualitative", "holds"),
     "jumps": ("qualitative", "fails"),
     "peak": ("deterministic", "differs"),
+    "blunt": ("qualitative", "fails"),
     "drawn": ("qualitative", "by_construction"),
     "close": ("qualitative", "undetermined"),
 }
@@ -39,22 +37,20 @@ ROWS = {name: claim(name, *kind) for name, kind in KINDS.items()}
         (("grows", "close"), SAME, "It stands: grows is so"),
         (("grows", "peak"), OTHER_SCALE, "1 of 2 claims on it does not stand: peak is so"),
         (("grows", "peak", "jumps"), OTHER, "2 of 3 claims on it do not stand: jumps is so"),
+        (("grows", "blunt"), OTHER_SCALE, "1 of 2 claims on it does not stand: blunt is so"),
         (("drawn",), NOT_COMPARABLE, "What the paper says of it cannot fail."),
         (("close", "drawn"), NOT_COMPARABLE, "What the paper says of it is undetermined."),
     ],
 )
-def test_the_shape_is_another_one_if_a_statement_fails_and_the_scale_if_a_number_differs(claims, expected, why):
-    assert likeness(Product("", claims=claims), ROWS) == (expected, why)
+def test_the_shape_is_another_one_if_a_claim_about_it_fails_and_the_scale_if_another_does(claims, expected, why):
+    assert likeness(Product("", claims=claims, shape=("grows", "jumps")), ROWS) == (expected, why)
     assert likeness(Product("", claims=claims, not_comparable="A sketch."), ROWS) == (NOT_COMPARABLE, "A sketch.")
 
 
 def test_a_figure_without_claims_says_why_it_cannot_be_compared(tmp_path):
     for slug in SLUGS:
-        numbers = {one.id for one in load_published(ROOT / f"data/published/{slug}.yaml") if one.kind != "qualitative"}
-        for stem, one in catalogue(slug).figures.items():
-            marked = re.findall(r"\"(\w+)\"", inspect.getsource(function_of(entry_of(slug, "figures", stem))))
+        for one in catalogue(slug).figures.values():
             assert one.beyond or bool(one.claims) != bool(one.not_comparable)
-            assert one.beyond or one.not_comparable or numbers & {*marked} <= {*one.claims}, "what it marks"
     path, paper = tmp_path / "texts.yaml", Paper("toy", "", "", "")
     for more, message in {"": "no likeness", "    claims: [mean]\n    not_comparable: A sketch.\n": "has both"}.items():
         path.write_text(f"figures:\n  fig01:\n    caption: A curve.\n    shows: A curve.\n{more}", encoding="utf-8")

@@ -445,6 +445,23 @@ def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, 
                 assert f"from 5.00 to {5 + cause.size:.2f}" in line
 
 
+def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
+    """Of three claims that fail, the second is the first that is moved by what moves the third most of all."""
+    moved = {
+        "first": [effect("some", True, 2.0)],
+        "second": [effect("most", True, 3.0)],
+        "third": [effect("most", True, 5.0)],
+    }
+    result, base = Result(value=5.0, verdict="differs"), {"paper": "p", "kind": "deterministic", "printed": 9.0}
+    rows = [
+        Claim(id=name, headline=place, verdict="differs", reading="corrected", readings={"corrected": result}, **base)
+        for place, name in enumerate(moved)
+    ]
+    judged = {name: SimpleNamespace(number=5.0, error=0.0, printed=9.0, effects=of) for name, of in moved.items()}
+    judge = SimpleNamespace(table=SimpleNamespace(claim=[*moved]), judged=judged.get, choices=Choices({}))
+    assert Deciding(rows, (), judge).number.claim.id == "second"
+
+
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
     papers, environment = example(tmp_path)
     rows = {row.id: row for row in papers[0].claims}

@@ -190,6 +190,9 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         steered, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
+        for row in range(DRAWN):
+            for lane in range(LANES):
+                drawn[row, lane] = 0.0  # stays, if air is given
         if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
         for node in range(given_air.shape[0]):

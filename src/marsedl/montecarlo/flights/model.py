@@ -8,8 +8,9 @@ import numpy as np
 from marsedl.montecarlo.flights.binding import Nothing, asked, describe, digest, named_kernel, returned
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
+from marsedl.summaries import summary
 
-NOISE_STREAM, AIR_STREAM = 1, 1
+NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
 
 
 class Schedule(NamedTuple):
@@ -20,6 +21,8 @@ class Schedule(NamedTuple):
     steps: np.ndarray  # (periods,), integration steps
     every: int  # integration steps from one stored state to the next
     stores_end: bool = True  # whether the last row of the history is the end of the schedule
+
+    __repr__ = summary
 
     @property
     def times(self) -> np.ndarray:
@@ -41,11 +44,11 @@ def periods(end_time, period, steps, *, every=None, stores_end=True, cut=True) -
         cut: whether the last period ends at the end time, or is as long as the others.
 
     """
-    for name, value in (("end_time", end_time), ("period", period), ("steps", steps), ("every", every or 1)):
-        if not value > 0 or (name in ("steps", "every") and value != int(value)):
-            raise ValueError(
-                f"{name} must be positive{', and whole' if name[0] in 'se' and name != 'end_time' else ''}, got {value}"
-            )
+    if not (end_time > 0 and period > 0):
+        raise ValueError(f"end_time and period must be positive, got {end_time} and {period}")
+    for name, value in (("steps", steps), ("every", every or 1)):
+        if value != int(value) or value < 1:
+            raise ValueError(f"{name} must be a whole number from 1 on, got {value}")
     start = np.arange(int(np.ceil(end_time / period - 1e-9))) * float(period)
     lengths = np.minimum(period, end_time - start) if cut else np.full(len(start), float(period))
     return Schedule(
@@ -286,7 +289,7 @@ class Flight:
         if shapes not in self._kernels:
             from marsedl.montecarlo.flights import loop
 
-            module = self.functions["rates"].__module__
+            module = self.functions["rates"].__module__ or "__main__"
             parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
             key = digest(*parts)
             self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)

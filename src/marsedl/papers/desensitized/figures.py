@@ -49,6 +49,7 @@ ELLIPSE_SIGMA = 3
 LEVEL, ROOM = 0.995, 1.15  # of the flights' errors, either way; times those, how far the axes of the dispersion reach
 DRAWN = 2000  # flights of a law at most, in the dispersion
 EARLY = 1.0  # s, by which the flights of a law end before those of another, from which the figure says so
+PRINTED_AT = 1000.0  # m of error at entry, of which Table 3 and the text print what is left at the end
 FAR = 1.6  # times what flights without feedback reach, beyond which others may leave the axes
 
 
@@ -104,9 +105,10 @@ def fig02(design: Design, published, tradeoff: Tradeoff) -> Figure:
 # ---- errors at entry: sweeps, histories, and how the bank answers ----------------------------------------------------
 
 
-def fig03a(gains: Gains, responses: Responses) -> Figure:
-    """Final position error against the radius error at entry."""
-    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), "wide")
+def fig03a(gains: Gains, responses: Responses, published=None) -> Figure:
+    """Final position error against the radius error at entry; published: to mark those of Table 3."""
+    printed = [published[name].printed[-1] for name in ("tab03_c0", "tab03_c1")] if published else ()
+    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), "wide", printed)
 
 
 def fig03b(gains: Gains, responses: Responses) -> Figure:
@@ -130,14 +132,16 @@ def fig05b(gains: Gains, responses: Responses, published=None) -> Figure:
     return _bank_angles(gains, responses, RADIUS, published["fig05b_phase_times"].printed if published else ())
 
 
-def fig06a(gains: Gains, responses: Responses) -> Figure:
+def fig06a(gains: Gains, responses: Responses, published=None) -> Figure:
     """Final position error against the downrange error at entry."""
-    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "wide")
+    printed = [PRINTED_AT * published["dr_sensitivity_nodoc"].printed] if published else ()
+    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "wide", printed)
 
 
-def fig06b(gains: Gains, responses: Responses) -> Figure:
+def fig06b(gains: Gains, responses: Responses, published=None) -> Figure:
     """The same for small errors."""
-    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "narrow")
+    printed = [PRINTED_AT * published["dr_sensitivity_nodoc"].printed] if published else ()
+    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "narrow", printed)
 
 
 def fig07a(gains: Gains, responses: Responses) -> Figure:
@@ -156,9 +160,11 @@ def fig08(gains: Gains, responses: Responses, published=None) -> Figure:
     return _histories(gains, responses, DOWNRANGE, (NO_DOC,), dict(zip(CHANNELS, values, strict=False)))
 
 
-def fig09(gains: Gains, responses: Responses) -> Figure:
+def fig09(gains: Gains, responses: Responses, published=None) -> Figure:
     """Final position error against the crossrange error at entry."""
-    return _sweep(gains, responses, CROSSRANGE, (NO_DOC,), "wide")
+    without = published and PRINTED_AT * published["cr_sensitivity_nodoc"].printed
+    printed = (without, without / published["fig09_reduction_factor_1000m"].printed) if published else ()
+    return _sweep(gains, responses, CROSSRANGE, (NO_DOC,), "wide", printed)
 
 
 def fig10a(gains: Gains, responses: Responses) -> Figure:
@@ -177,10 +183,11 @@ def fig11(gains: Gains, responses: Responses, published=None) -> Figure:
     return _histories(gains, responses, CROSSRANGE, (NO_DOC,), printed)
 
 
-def _sweep(gains, responses, channel, compared, sweep):
+def _sweep(gains, responses, channel, compared, sweep, printed=()):
     """Norm of the final error against the error at entry of a channel, of laws and of the channel's own.
 
     Small errors are also drawn on a logarithmic axis, on which what remains with feedback is seen.
+    printed: final errors that the paper prints for the error at entry of `PRINTED_AT`.
     """
     panels = 2 if sweep == "narrow" else 1
     figure, panels = new_figure((6.4, 8.4)[panels - 1], 3.8, ncols=panels, squeeze=False)
@@ -205,6 +212,9 @@ def _sweep(gains, responses, channel, compared, sweep):
         axes.set_ylim(-0.03 * largest, min(1.05 * reached, FAR * largest))
     for axes in panels.flat:
         axes.set_xlim(initial.values[[0, -1]])
+    if len(printed):  # in proportion, where that error is off the axes
+        place = min(PRINTED_AT, initial.values.max())
+        printed_mark(panels[0, 0], x=place, y=np.array(printed) * place / PRINTED_AT)
     legend_below(figure, panels[0, :1])
     return figure
 

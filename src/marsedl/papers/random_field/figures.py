@@ -14,7 +14,6 @@ from marsedl.papers.random_field.flight_statistics import LEVEL
 from marsedl.papers.random_field.inputs import (
     Air,
     Drawing,
-    Guidance,
     Mission,
     Planet,
     PointMass,
@@ -23,7 +22,6 @@ from marsedl.papers.random_field.inputs import (
 )
 from marsedl.papers.random_field.records import (
     BRANCHES,
-    Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
     FlightEnsemble,
@@ -45,7 +43,7 @@ from marsedl.plotting.curves import (
     trials,
 )
 from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
-from marsedl.plotting.forms import covariance_ellipse, distribution, iterations
+from marsedl.plotting.forms import covariance_ellipse, distribution
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from marsedl.replication.units import DEGREE, KM, converted
 
@@ -78,10 +76,6 @@ TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
 SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all flights"}
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
-VARIANT_STYLE = {
-    "as_designed": (VERMILION, "o", "as designed"),
-    "short_end_steps": (GREEN, "^", "short end steps"),
-}
 APOAPSIS_MARGIN = 0.2  # planet radii about target and nominals, in the closed-loop half of the map
 LARGEST_APOAPSIS = 3.0  # times the target, in the open-loop half
 MOST_POINTS = 3000  # of each law, in the map
@@ -774,48 +768,6 @@ def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
         xlim=(0, gains.time[-1]),
     )
     legend_below(figure, [axes])
-    return figure
-
-
-def convergence(mission: Mission, guidance: Guidance, simulation: Simulation, convergence: Convergence) -> Figure:
-    """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
-    figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
-    any_percentile = False
-    for row, variant in enumerate(str(name) for name in convergence.variant):
-        color, marker, name = VARIANT_STYLE[variant]
-        # The first ones are broad, so that they show below others that arrive at the same.
-        broad = len(convergence.variant) - 1 - row
-        style = {"color": color, "marker": marker, "linewidth": 1.0 + 1.1 * broad, "markersize": 4 + 2 * broad}
-        outcome, period = str(convergence.outcome[row]), int(convergence.period[row])
-        ending = f"{outcome} with period {period}" if outcome == "cycling" else outcome
-        lost = convergence.lost[row, 1:]
-        losses = ""
-        if lost.size and lost.max() > 0:
-            losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
-            losses = f"; {losses} of {simulation.paper_trials:,} flights lost"
-        reached, predicted, flights, error = (
-            field(convergence, path, at={"variant": row}, unit=unit, name=name)
-            for path, unit, name in (
-                ("apoapsis", "planet radii", ""),
-                ("predicted", "", r"$\Delta v$"),
-                ("percentile", "", r"$\Delta v$"),
-                ("percentile_error", "", ""),
-            )
-        )
-        iterations(apoapsis, reached, **style, label=f"{name}: {ending}{losses}")
-        iterations(percentile, flights, error=error, first=1, **style)
-        hollow = style | {"markerfacecolor": "white", "linestyle": "--", "linewidth": 0.8 + 1.1 * broad}
-        iterations(percentile, predicted, first=1, **hollow)
-        any_percentile |= bool(np.isfinite(flights.values[1:]).any())
-    target = {"color": BLACK, "linewidth": 0.9, "linestyle": "--", "label": "target apoapsis"}
-    mark(apoapsis, y=mission.target_apoapsis, **target)
-    dots = {"color": GREY, "marker": "o", "markersize": 4}
-    legend_entry(percentile, r"99th percentile over flights, $\pm 3$ standard errors", **dots)
-    tail = f"predicted percentile, $p_f$ = {guidance.percentile_tail:g}"
-    legend_entry(percentile, tail, markerfacecolor="white", linestyle="--", **dots)
-    missing = "no 99th percentile over flights: too many lost"
-    percentile.set_title("without the initial guess" if any_percentile else missing)
-    legend_below(figure, (apoapsis, percentile), columns=1 if convergence.lost[:, 1:].any() else 2)
     return figure
 
 

@@ -9,6 +9,7 @@ from marsedl.models import density_variation
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import variance_standard_error
 from marsedl.papers.stochastic_entry import environment
+from marsedl.papers.stochastic_entry.claims.measures import ROWS, final_percentiles
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
 from marsedl.papers.stochastic_entry.inputs import Air, Drawing, Planet, Simulation
 from marsedl.papers.stochastic_entry.records import (
@@ -56,6 +57,7 @@ LEVELS = (0.001, 0.999)  # of the range errors that the histograms show
 LEAST_SHARE = 0.005  # of the trials, for a number of reversals to have its own histogram
 BANK_COSINES = (-1.6, 2.1)  # shown in Fig. 8; near the velocity's peak the law flown against velocity leaves any axis
 ALIGNMENT = "heading alignment begins"
+PERCENTILES = {"color": BLACK, "marker": "o", "markerfacecolor": "none", "linestyle": "none"}  # ours, beside Table 4's
 STILL_FLYING = {"linewidth": 1.4, "linestyle": (0, (1, 1))}  # bounds of those, once some trials have ended
 BEFORE_END = 15.0  # s that Fig. 12 shows before the first trial ends
 
@@ -245,47 +247,55 @@ def fig06(nominal: Nominal) -> Figure:
     return figure
 
 
-def fig07(nominal: Nominal) -> Figure:
-    """Altitude, velocity, flight path angle and downrange of the nominal flight."""
+def fig07(nominal: Nominal, published=None) -> Figure:
+    """Altitude, velocity, flight path angle and downrange of the nominal flight; published: to mark where it ends."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
     units = UNITS | {"velocity": "km/s"}
     names = {"downrange": "downrange, 0 at the target"}
     for component, axes in zip(IN_LINEAR_MODEL, panels.flat, strict=True):
         plot(axes, nominal, component, unit=units[component], name=names.get(component, ""), color=BLUE)
     mark(*panels.flat, x=nominal.alignment_time, label=ALIGNMENT)
-    zero(panels[1, 0])
+    zero(*panels[1])
+    if published:
+        printed_mark(panels[1, 1], x=nominal.end_time, y=-published["nominal_uprange"].printed)
     panels[0, 0].set_xlim(0, nominal.end_time)
     legend_below(figure, panels.flat)
     return figure
 
 
 def fig08(linearization: Linearization, gains: Gains, nominal: Nominal) -> Figure:
-    """Bank cosine in range control: nominal, and three standard deviations that the linear model predicts."""
-    figure, axes = new_figure(7.2, 4.2)
+    """Bank cosine in range control, each law apart: nominal, and three standard deviations by the linear model."""
+    figure, panels = new_figure(7.6, 4.0, ncols=2, sharex=True, sharey=True)
     ruled = np.flatnonzero(gains.time[:-1] < nominal.alignment_time)
     name = r"cosine of the bank angle, $\pm 3 \sigma$"
     mean = field(linearization, "bank_cosine", name=name, x="time").where(ruled)
-    mark(axes, y=(-1, 1), color=BLACK, linewidth=0.9, linestyle="--", label="limits of a cosine")
-    for variance, trigger, color, style, label in (
-        ("apollo_control_variance", 0, BLUE, "-", "Apollo, as flown (time)"),
-        ("timed_control_variance", 0, BLUE, ":", "Apollo, gain against time (time)"),
-        ("stochastic_control_variance", 0, VERMILION, "-", "stochastic (time)"),
-        ("stochastic_control_variance", 1, ORANGE, "-", "stochastic (velocity)"),
-    ):
-        spread = 3 * np.sqrt(field(gains, variance, at={"trigger": trigger}).values[ruled])
-        if not np.isfinite(spread).all():
-            label = f"{label}: no finite gain"
-        lower, upper = mean.values - spread, mean.values + spread
-        outside = (lower < BANK_COSINES[0]) | (upper > BANK_COSINES[1])
-        if outside.any():
-            label = f"{label}; off the axes at {_stretches(mean.x.values, outside)} s"
-        lower, upper = (mean.of(np.where(outside, np.nan, bound)) for bound in (lower, upper))
-        bounds(axes, lower, upper, color=color, linestyle=style, label=label)
-    plot(axes, mean, color=BLACK, label="nominal")
-    # Where the nominal's velocity peaks, it is no clock against which to fly a law.
-    mark(axes, x=nominal.time[nominal.velocity.argmax()], label="velocity peaks")
-    axes.set(xlim=(0, nominal.alignment_time), ylim=BANK_COSINES)
-    legend_below(figure, [axes], columns=2)
+    designs = {
+        "apollo": (
+            ("apollo_control_variance", 0, BLUE, "-", "as flown, gain against velocity (time)"),
+            ("timed_control_variance", 0, SKY, "--", "gain against time (time)"),
+        ),
+        "stochastic": (
+            ("stochastic_control_variance", 0, VERMILION, "-", "fixed time"),
+            ("stochastic_control_variance", 1, ORANGE, "--", "velocity trigger"),
+        ),
+    }
+    for axes, (law, of_law) in zip(panels, designs.items(), strict=True):
+        for variance, trigger, color, style, label in of_law:
+            spread = 3 * np.sqrt(field(gains, variance, at={"trigger": trigger}).values[ruled])
+            if not np.isfinite(spread).all():
+                label = f"{label}: no finite gain"
+            lower, upper = mean.values - spread, mean.values + spread
+            outside = (lower < BANK_COSINES[0]) | (upper > BANK_COSINES[1])
+            if outside.any():
+                label = f"{label};\noff the axes at {_stretches(mean.x.values, outside)} s"
+            lower, upper = (mean.of(np.where(outside, np.nan, bound)) for bound in (lower, upper))
+            bounds(axes, lower, upper, color=color, linestyle=style, linewidth=1.6, label=label)
+        plot(axes, mean, color=BLACK, label="nominal")
+        mark(axes, y=(-1, 1), color=BLACK, linewidth=0.9, linestyle="--", label="limits of a cosine")
+        # Where the nominal's velocity peaks, it is no clock against which to fly a law.
+        mark(axes, x=nominal.time[nominal.velocity.argmax()], label="velocity peaks")
+        axes.set(xlim=(0, nominal.alignment_time), ylim=BANK_COSINES, title=f"{LAW_NAME[law]} law")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18))
     return figure
 
 
@@ -338,8 +348,12 @@ def fig12(
     gains: Gains,
     apollo_velocity: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
+    published=None,
 ) -> Figure:
-    """The last seconds before the velocity trigger, relative to the nominal's end, with each trial's own end."""
+    """The last seconds before the velocity trigger, relative to the nominal's end, with each trial's own end.
+
+    published: as of `fig09`.
+    """
     figure, panels = new_figure(7.4, 8.0, nrows=len(IN_LINEAR_MODEL), ncols=2, sharex=True, sharey="row")
     ensembles = (apollo_velocity, stochastic_velocity)
     completed_trials = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
@@ -371,6 +385,8 @@ def fig12(
                 mark(axes, y=spread * np.array([-1, 1]), color=BLACK, linewidth=1.0, linestyle="--")
             axes.set_xlim(window)
             _note_if_empty(axes, measured)
+            if published:
+                _final_percentiles(axes, window[1], ensemble, component, published, f"{law}_velocity")
         column[0].set_title(f"{LAW_NAME[law]}, {ended.sum():,} flights at the trigger")
     for color, style, width, marker, label in (
         (GREY, "-", 0.6, ".", "flights with their ends"),
@@ -379,6 +395,8 @@ def fig12(
         (BLACK, "--", 1.0, "", r"$\pm 3 \sigma$ at the trigger, linear covariance"),
     ):
         legend_entry(panels[0, 0], label, color=color, linestyle=style, linewidth=width, marker=marker)
+    if published:
+        _name_percentiles(panels[0, 0])
     legend_below(figure, [panels[0, 0]], columns=2)
     return figure
 
@@ -493,18 +511,14 @@ def reversals(
 ) -> Figure:
     """Final range error, split by the number of bank reversals."""
     figure, panels = new_figure(7.4, 5.4, nrows=2, ncols=2)
-    cases = (
-        ("Apollo, time", apollo_time),
-        ("Apollo, velocity", apollo_velocity),
-        ("stochastic, time", stochastic_time),
-        ("stochastic, velocity", stochastic_velocity),
-    )
+    cases = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     colors = (GREEN, BLUE, VERMILION, PURPLE, ORANGE, SKY, GREY)
-    for axes, (case, ensemble) in zip(panels.flat, cases, strict=True):
+    for axes, (case, ensemble) in zip(panels.flat, cases.items(), strict=True):
+        law, trigger = case.split("_")
         range_error = _final_error(ensemble, "downrange", "km", "final range error")
         error = range_error.values
         finite = np.isfinite(error)
-        title = f"{case}: {finite.sum():,} flights"
+        title = f"{LAW_NAME[law]}, {trigger}: {finite.sum():,} flights"
         if not finite.all():
             title += f", {np.count_nonzero(~finite):,} not finite"
         axes.set(title=title, xlabel=range_error.label)
@@ -517,17 +531,11 @@ def reversals(
         counts = [n for n in np.unique(number) if (number == n).mean() >= LEAST_SHARE]
         for n in counts:
             of_n = error[number == n]
-            inside = np.histogram(of_n, edges)[0] * weight
-            color = colors[n % len(colors)]
-            name = "reversal" if n == 1 else "reversals"
+            inside, color = np.histogram(of_n, edges)[0] * weight, colors[n % len(colors)]
+            share = f"{100 * len(of_n) / len(error):.1f} %: mean {of_n.mean():+.2f}"
             axes.stairs(inside, edges, color=color, fill=True, alpha=0.25)
-            axes.stairs(
-                inside,
-                edges,
-                color=color,
-                linewidth=1.2,
-                label=f"{n} {name}, {100 * len(of_n) / len(error):.1f} %: mean {of_n.mean():+.2f}",
-            )
+            name = f"{n} reversal{'' if n == 1 else 's'}, {share}"
+            axes.stairs(inside, edges, color=color, linewidth=1.2, label=name)
         axes.stairs(np.histogram(error, edges)[0] * weight, edges, color=BLACK, linewidth=0.8, label="all")
         mark(axes, x=0.0, linestyle="-")
         axes.margins(y=0.0)
@@ -597,11 +605,11 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
                 predicted = spread.of(-3 * spread.values), spread.of(3 * spread.values)
                 bounds(axes, *predicted, color=BLACK, linewidth=1.1, linestyle="--")
             if published and component in TABULATED:
-                percentiles = published[f"tab4_{TABULATED[component]}_{law}_{trigger}"].printed
-                printed_mark(axes, x=nominal.end_time, y=percentiles, label=None)
-            if published and (component, law, trigger) == ("downrange", "stochastic", "time"):
-                printed_mark(axes, x=published["fig9_range_error_turns"].printed, label=None)
-                legend_entry(panels[0, 0], "printed: range error turns", **PRINTED_LINE)
+                _final_percentiles(axes, nominal.end_time, ensemble, component, published, f"{law}_{trigger}")
+            if published and (law, trigger) == ("stochastic", "time") and component in ("altitude", "downrange"):
+                limit, turn = (published[f"fig9_{of}"].printed for of in ("altitude_active", "range_error_turns"))
+                place = {"y": (-limit, limit)} if component == "altitude" else {"x": turn}
+                printed_mark(axes, **place, label=None)
             axes.set_xlim(0, nominal.end_time)
             _note_if_empty(axes, measured[0].values)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
@@ -615,9 +623,26 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
     legend_entry(first, r"$\pm 3 \sigma$, linear covariance", color=BLACK, linewidth=1.1, linestyle="--")
     mark(first, x=nominal.alignment_time, label=ALIGNMENT)
     if published:
-        legend_entry(first, "printed: 1st and 99th percentiles", **PRINTED_CROSS)
-    legend_below(figure, [first], columns=3)
+        _name_percentiles(first)
+    if published and trigger == "time":
+        legend_entry(first, r"printed: $3 \sigma$ of altitude, and when range turns", **PRINTED_LINE)
+    legend_below(figure, [first], columns=2)
     return figure
+
+
+def _final_percentiles(axes, x, ensemble, component, published, case):
+    """1st and 99th percentile of a final error at a place: as printed, and ours with three standard errors."""
+    printed_mark(axes, x=x, y=published[f"tab4_{TABULATED[component]}_{case}"].printed, label=None)
+    [(state, factor)] = [(row[0], row[2]) for row in ROWS if row[1] == TABULATED[component]]
+    values, deviations = (factor * of for of in final_percentiles(ensemble, index=[state])[state])
+    ours = axes.errorbar([x, x], values, yerr=3 * np.nan_to_num(deviations), **PERCENTILES, clip_on=False, zorder=6)
+    for part in ours.get_children():
+        part.set_clip_on(False)
+
+
+def _name_percentiles(axes):
+    legend_entry(axes, "printed: 1st and 99th percentiles of the end", **PRINTED_CROSS)
+    legend_entry(axes, "ours", **PERCENTILES)
 
 
 def _predicted_deviation(gains, law, trigger, component):

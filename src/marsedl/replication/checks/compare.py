@@ -57,18 +57,10 @@ class Difference(NamedTuple):
 
 
 def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
-    """Return a reading of a build.
+    """Return a reading, or a named point, of a build; rows: the paper's claims; figures: the folder of its figures.
 
-    Args:
-        name: of the reading, or of a named point.
-        study: of the paper.
-        rows: the paper's claims of the build.
-        figures: the folder of the paper's figures.
-
-    Raises InputError if there is no such reading, or if its claims are not built.
+    Raises InputError if its claims are not built.
     """
-    if name not in study.readings:
-        raise InputError(f"{study.paper} has no reading '{name}'; {nearest(name, study.readings)}")
     results = {row.id: row.readings[name] for row in rows if name in row.readings and row.readings[name].verdict}
     if not results:
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
@@ -93,7 +85,7 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
 def of_other_build(name: str, study: Study, build: Path) -> Side:
     """Return a reading of a build that other code or other inputs may have made; its artifacts say which inputs.
 
-    Raises InputError if the reading is unknown, or if its claims or artifacts are not there.
+    Raises InputError if its claims or artifacts are not there.
     """
     side, used = side_of(name, study, build), {}
     own, shared = (json.loads(json.dumps(study.readings[one].inputs.plain())) for one in (name, CORRECTED))
@@ -119,6 +111,8 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
     if not places.size:
         first = ", ".join(map(str, table.number[:3]))
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
+    if table.assignment.shape[1] != len(study.choices):
+        raise InputError(f"{path} has other choices than this project; build it again")
     at = int(places[0])
     values = {name: f"{value:.4g}" if isinstance(value, float) else str(value)
               for name, value in decoded(study.choices, table.assignment[at]).items()}  # fmt: skip
@@ -172,18 +166,31 @@ def _largest_first(one: Moved) -> tuple:
     return not one.turned, -np.nan_to_num(one.sigmas), -np.nan_to_num(one.size)
 
 
-def side_of(name: str, study: Study, build: Path) -> Side:
-    """Return what a name means: "universe:12", or a reading; build: the folder with claims, universes and figures."""
+def named(name: str, study: Study) -> tuple[Path | None, str | int]:
+    """Return the folder of another build, if a name has one, and the reading or the number of the universe.
+
+    name: "READING", "universe:12", "FOLDER:READING" or "FOLDER:universe:12". Raises InputError if there is no such one.
+    """
+    folder, is_universe, number = name.rpartition(_UNIVERSE)
+    if is_universe:
+        if not number.isdecimal() or (folder and not folder.endswith(":")):
+            raise InputError(f"'{name}': write universe:NUMBER or FOLDER:universe:NUMBER, such as universe:12")
+        return Path(folder[:-1]) if folder else None, int(number)
+    folder, _, reading = name.rpartition(":")
+    if reading not in study.readings:
+        raise InputError(f"{study.paper} has no reading '{reading}'; {nearest(reading, study.readings)}")
+    return Path(folder) if folder else None, reading
+
+
+def side_of(of: str | int, study: Study, build: Path) -> Side:
+    """Return a reading, or a universe by its number; build: the folder with claims, universes and figures."""
     paper = study.paper
-    if name.startswith(_UNIVERSE):
-        number = name.removeprefix(_UNIVERSE)
-        if not number.isdecimal():
-            raise InputError(f"'{name}': write universe:NUMBER, such as universe:12")
-        return of_universe(int(number), study, build / f"report/universes/{paper}.h5")
+    if isinstance(of, int):
+        return of_universe(of, study, build / f"report/universes/{paper}.h5")
     path = build / f"report/claims/{paper}.json"
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/claims/{paper}.json'")
-    return of_reading(name, study, read_claims(path), build / "figures" / paper)
+    return of_reading(of, study, read_claims(path), build / "figures" / paper)
 
 
 def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:

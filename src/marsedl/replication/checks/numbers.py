@@ -78,8 +78,8 @@ def _entry(row: Mapping, place: str) -> Entry:
 
 
 def tolerance_of(text: str) -> float:
-    """Return how many standard errors "3se" means; raises InputError if it means none."""
-    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?) ?se", text)) or not float(match[1]):
+    """Return how many standard errors "3se", or "3", means; raises InputError if it means none."""
+    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?) ?(se)?", text)) or not float(match[1]):
         raise InputError(f"--tolerance {text}: write a number of standard errors, such as 3se")
     return float(match[1])
 

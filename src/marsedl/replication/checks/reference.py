@@ -215,11 +215,16 @@ def _described(entry: Mapping | None, moment: int) -> str:
 
 
 def format_changes(
-    comparison: Comparison, errors: Mapping[str, float] | None = None, *, all_of_them: bool = True
+    comparison: Comparison,
+    errors: Mapping[str, float] | None = None,
+    words: Mapping[str, str] | None = None,
+    *,
+    all_of_them: bool = True,
 ) -> str:
     """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
 
     errors: standard errors of the claims' numbers, by name; without one, the distance is in tolerances.
+    words: what claims say, by id.
     """
     kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
     claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
@@ -230,7 +235,10 @@ def format_changes(
         apart = f"{change.margin:.3g} tolerances" if np.isfinite(change.margin) else ""
         if (error := (errors or {}).get(change.name)) and _NOTHING not in (change.old, change.new):
             apart = f"{abs(float(change.new) - float(change.old)) / error:.3g} standard errors"
-        rows.append((kinds[change.of] + change.name.removeprefix(_CLAIMS), change.old, change.new, apart))
+        name = change.name.removeprefix(_CLAIMS)
+        said = (words or {}).get(re.split("[/,]", name)[0], "").rstrip(".") if change.of or name != change.name else ""
+        named = f"{said} ({kinds[change.of]}{name})" if said else kinds[change.of] + name
+        rows.append((named, change.old, change.new, apart))
     table = columns(rows, 2) if len(rows) > 1 else ""
     artifacts = len({change.name.rpartition("/")[0] for change in inner})
     folded = [f"{len(claims) - _ROWS} numbers of claims more"] * (len(claims) > len(shown_claims))
@@ -277,14 +285,14 @@ def compare_reference(
             )
         new = (_readings_of(found) - _readings_of(reference)) & shared.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
-        without_reason, errors = _unexplained(build, slug, folder), _errors(build, slug)
+        without_reason, told = _unexplained(build, slug, folder), _told(build, slug)
         lines = [_summary(slug, comparison)]
         lines += [f"  {slug}: claim {claim} differs or fails without a reason that names an erratum"
                   for claim in without_reason]  # fmt: skip
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
-        table = format_changes(comparison, errors, all_of_them=all_of_them)
+        table = format_changes(comparison, *told, all_of_them=all_of_them)
         tables.append("\n".join([*lines, *[table] * bool(comparison.changes)]))
-        details.append(format_changes(comparison, errors) if comparison.changes else "")
+        details.append(format_changes(comparison, *told) if comparison.changes else "")
         agree = agree and not comparison.changes and not without_reason
     head = ["changed since these numbers were accepted:", *reasons] if reasons else []
     text = "\n".join([*head, *tables])
@@ -312,14 +320,16 @@ def _without(entries: Entries, readings: Iterable[str]) -> Entries:
     return left
 
 
-def _errors(build: Path, slug: str) -> dict[str, float]:
-    """The standard errors of single numbers of claims, by the numbers' names; of a difference of two such."""
-    return {
+def _told(build: Path, slug: str) -> tuple[dict[str, float], dict[str, str]]:
+    """By name, the standard errors of differences of two of a claim's single number; what claims say, by id."""
+    rows = read_claims(build / f"report/claims/{slug}.json")
+    errors = {
         f"{_CLAIMS}{row.id}/{reading}": float(np.sqrt(2.0) * result.standard_error)
-        for row in read_claims(build / f"report/claims/{slug}.json")
+        for row in rows
         for reading, result in row.readings.items()
         if isinstance(result.standard_error, int | float)
     }
+    return errors, {row.id: row.plain or row.quantity for row in rows}
 
 
 def accept_reference(
@@ -354,7 +364,7 @@ def accept_reference(
         if reference:
             print(_summary(slug, comparison))
             if comparison.changes:
-                print(format_changes(comparison, _errors(build, slug), all_of_them=False))
+                print(format_changes(comparison, *_told(build, slug), all_of_them=False))
         else:
             print(_first(slug, found, now))
         found |= {name: reference[name] for name, margin in comparison.margins.items() if margin <= 1}

@@ -166,7 +166,7 @@ def in_words(turned: Counterexample) -> str:
     text = {
         "scaled": "With `{of}` times {amount:.4g}",
         "shifted": "With `{of}` shifted by {amount:+.3g} standard deviations",
-        "spread": "With deviations of `{of}` from their mean times {amount:.4g}",
+        "spread": "With `{of}` {amount:.4g} times as far from its mean",
         "blended": "With `{of}` moved by {share:.3g} % of the way to the other record",
         "replaced": "With {amount} as `{of}`",
         "in_reading": "In the reading `{of}`",

@@ -108,16 +108,22 @@ def load_published(path: str | Path) -> list[PublishedClaim]:
     document = read_yaml(path)
     file = checked(_File, document, Place(str(path), document))
     claims: dict[str, PublishedClaim] = {}
+    faults = []
     for number, entry in enumerate(file.claims, start=1):
         keys, named = entry if isinstance(entry, dict) else {}, Lined()
         name = str(keys.get("id", number))
         named[name], named.lines = entry, {name: min(getattr(keys, "lines", {}).values(), default=None)}
         place = Place(str(path), {"claims": named}) / "claims" / name
         model = _OF_KIND.get(str(keys.get("kind")), PublishedClaim)
-        claim = checked(model, {"paper": path.stem, **entry} if keys else entry, place)
-        if claim.id in claims:
-            raise InputError(f"{place / 'id'}: used by two claims; rename one")
-        claims[claim.id] = claim
+        try:
+            claim = checked(model, {"paper": path.stem, **entry} if keys else entry, place)
+            if claim.id in claims:
+                raise InputError(f"{place / 'id'}: used by two claims; rename one")
+            claims[claim.id] = claim
+        except InputError as error:
+            faults.append(str(error))
+    if faults:
+        raise InputError("\n".join(faults))
     for position, name in enumerate(file.headline, start=1):
         if name not in claims:
             raise InputError(f"{path}: headline: there is no claim {shown(name)}; {nearest(name, claims)}")

@@ -43,12 +43,20 @@ class Keys(BaseModel, extra="forbid", frozen=True, defer_build=True):
 
 
 def checked(model: type[Model], value: object, place: Place) -> Model:
-    """Return what is written at a place as a model has it; InputError names the first fault and its place."""
+    """Return what is written at a place as a model has it; InputError tells all faults, a line each."""
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        # First an unknown key: it may be the missing one, misspelt.
-        fault = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+        # First unknown keys: one may be a missing one, misspelt, which is not told as well.
+        faults = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    unknown = {fault["loc"][:-1] for fault in faults if fault["type"] == "extra_forbidden"}
+    told = [_fault(model, one, place) for one in faults if one["type"] != "missing" or one["loc"][:-1] not in unknown]
+    # Of a key one fault: of several types that it may have, none fits.
+    raise InputError("\n".join({text.partition(": ")[0]: text for text in reversed(told)}.values()))
+
+
+def _fault(model: type[BaseModel], fault: typing.Mapping, place: Place) -> str:
+    """One fault, with its place."""
     keys, kind, written = fault["loc"], fault["type"], fault["input"]
     of_key = keys[-1:] == ("[key]",)  # not of what stands under it
     for key in keys[:-1] if of_key or kind == "missing" else keys:
@@ -63,7 +71,7 @@ def checked(model: type[Model], value: object, place: Place) -> Model:
         problem += f"; {nearest('', names)}" if names else ""
     else:
         problem = sentence(fault) if of_key else sentence(fault, written)
-    raise InputError(f"{place}: {problem}")
+    return f"{place}: {problem}"
 
 
 def sentence(fault: typing.Mapping, written: object = ...) -> str:

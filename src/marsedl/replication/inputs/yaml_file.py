@@ -27,6 +27,9 @@ class _StrictLoader(yaml.CSafeLoader):
                 reason = f"the key {shown(key)} occurs twice; remove one"
                 raise yaml.MarkedYAMLError(problem=reason, problem_mark=key_node.start_mark)
             mapping[key] = self.construct_object(value_node)
+            if node.flow_style and mapping[key] is None and isinstance(key, int):  # of {value: 0,5}
+                reason = f"the comma before {key} begins another key; write numbers with a decimal point"
+                raise yaml.MarkedYAMLError(problem=reason, problem_mark=key_node.start_mark)
             mapping.lines[key] = key_node.start_mark.line + 1
 
     def construct_decimal(self, node):

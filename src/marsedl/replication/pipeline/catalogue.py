@@ -43,6 +43,7 @@ class Product:
     inputs: tuple[str, ...] = ()  # that it reads
     published: bool = False  # whether it shows printed values
     claims: tuple[str, ...] = ()  # ids of those that are about a figure of the paper
+    shape: tuple[str, ...] = ()  # those of them that say where its curves rise, fall, jump or turn, or their order
     not_comparable: str = ""  # why nothing that the paper says of its figure can be tested
     likeness: str = ""  # to the paper's own figure, see `report/likeness.py`
     why: str = ""
@@ -105,7 +106,8 @@ class Paper:
     paper finds in it; captions say what is drawn here.
     `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `found` says of each
     headline claim, by its id, what came out. `beside` are further printed numbers in the picture of the headline
-    claims: panels by title, and claims by label in each ("claim", or "claim[0]").
+    claims: panels by title, and claims by label in each ("claim", or "claim[0]"). `unmarked` says of printed
+    numbers, by the ids of their claims, why no figure marks them.
     `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
     compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
@@ -125,6 +127,7 @@ class Paper:
     question: str = ""
     in_short: tuple[str, ...] = ()
     found: dict[str, str] = field(default_factory=dict)
+    unmarked: dict[str, str] = field(default_factory=dict)
     beside: dict[str, dict[str, str]] = field(default_factory=dict)
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()

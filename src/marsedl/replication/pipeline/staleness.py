@@ -276,12 +276,13 @@ class Recipes:
         if not (folder / path).exists():
             return "is missing"
         if path.startswith(ARTIFACTS):
-            from marsedl.replication.records.store import provenance
+            from marsedl.replication.records.store import PROVENANCE, opened, provenance
 
-            stored = provenance(folder / path)
-            if stored.get("recipe") == self.digest(path):
-                return ""
-            return f"was made from something else: {'; '.join(recipe_changes(stored, self.job(path).own))}"
+            with opened(folder / path) as file:  # not all of its provenance, which takes long to read
+                if file[PROVENANCE].attrs.get("recipe") == self.digest(path):
+                    return ""
+            changes = recipe_changes(provenance(folder / path), self.job(path).own)
+            return f"was made from something else: {'; '.join(changes)}"
         name, digest = self.record(path)
         if not (folder / name).exists():
             return "has no record of what it was made from"

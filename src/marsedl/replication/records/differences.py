@@ -1,5 +1,6 @@
 """Digests of the content of product files, and the differences between two products."""
 
+import contextlib
 import csv
 import hashlib
 import io
@@ -7,6 +8,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +50,8 @@ def digest_tree(folder: str | Path, patterns: Iterable[str]) -> dict[str, str]:
 def difference(a: str | Path, b: str | Path) -> list[str]:
     """Say in lines what differs between two files or folders, and by how much and where; no line if nothing does.
 
-    HDF5 is compared by dataset and attribute (what `digest` counts), JSON by key, CSV by column, all else by bytes.
+    HDF5 is compared by dataset and attribute (what `digest` counts), JSON by key, CSV by column, PNG by pixel, other
+    text by line, all else by bytes.
     Raises InputError if one of them is missing or if one is a folder and the other is not.
     """
     a, b = Path(a), Path(b)
@@ -85,12 +88,31 @@ def _file_differences(a: Path, b: Path) -> list[str]:
         return []
     leaves = {".json": _json_leaves, ".csv": _csv_leaves}.get(a.suffix)
     if leaves is None or a.suffix != b.suffix:
-        return [f"bytes differ ({len(bytes_a)} and {len(bytes_b)} bytes)"]
+        return [_bytes_differ(bytes_a, bytes_b, is_png={a.suffix, b.suffix} == {".png"})]
     try:
         found = _leaf_differences(*(dict(leaves(data.decode("utf-8-sig"))) for data in (bytes_a, bytes_b)))
         return list(found) or ["same content, written differently"]
     except (ValueError, csv.Error) as error:
         return [f"bytes differ (not readable as {a.suffix[1:]}: {error})"]
+
+
+def _bytes_differ(a: bytes, b: bytes, *, is_png: bool) -> str:
+    """What differs between two files that are not equal: pixels of pictures, the first line of texts."""
+    if is_png:
+        from matplotlib.image import imread  # slow to import, and only needed here
+
+        with contextlib.suppress(OSError, SyntaxError, ValueError):  # damaged, or of other sizes
+            one, other = (imread(io.BytesIO(data), format="png") for data in (a, b))
+            if one.shape[:2] != other.shape[:2]:
+                return f"{one.shape[1]} x {one.shape[0]} and {other.shape[1]} x {other.shape[0]} pixels"
+            return f"{(one != other).any(axis=-1).mean():.2%} of the pixels differ"
+    said = f"bytes differ ({len(a)} and {len(b)} bytes)"
+    try:
+        lines = zip_longest(a.decode().splitlines(), b.decode().splitlines(), fillvalue="nothing")
+    except UnicodeDecodeError:
+        return said
+    first = next(((number, *pair) for number, pair in enumerate(lines, start=1) if len({*pair}) == 2), None)
+    return f"{said}, first in line {first[0]}: {first[1]:.100} and {first[2]:.100}" if first else said
 
 
 def _compared(a: Sequence, b: Sequence, numbers: bool) -> tuple[str, int] | None:

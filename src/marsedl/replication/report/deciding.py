@@ -162,7 +162,11 @@ class Deciding:
 
     @cached_property
     def number(self) -> Number | None:
-        """The number that decides a headline claim: one that choices move, of a claim that differs, if there is any."""
+        """The number of the first headline claim that differs or fails and that the main choice moves towards print.
+
+        The main choice is the one with the largest such effect over all of them. Else the number of a headline claim
+        that any choice moves, or of any headline claim.
+        """
         found = []
         for row in self._headline:
             one = self.judge.judged(row.id) if row.id in self._judged else None
@@ -171,8 +175,13 @@ class Deciding:
                 effects.sort(key=lambda effect: -abs(effect.difference))
                 found.append(Number(row, one.number, one.error, one.printed, self._unit(row), effects))
 
+        causes = {one.claim.id: cause for one in found if one.claim.is_refuted and (cause := cause_of(one.effects))}
+        main = max(causes.values(), key=lambda effect: effect.size, default=None)
+
         def order(one: Number) -> tuple[bool, ...]:
-            return not any(e.counts for e in one.effects), not one.claim.is_refuted, one.claim.is_statement
+            refuted, moving = one.claim.is_refuted, [e for e in one.effects if e.counts]
+            by_main = refuted and any(e.towards and e.choice == main.choice for e in moving) if main else False
+            return not by_main, not moving, not refuted, one.claim.is_statement
 
         return min(found, key=order, default=None)
 

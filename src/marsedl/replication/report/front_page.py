@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import CommittedClaim, with_committed
@@ -24,14 +23,10 @@ def words() -> dict[str, str]:
     return {word: " ".join(text.split()) for word, text in read_yaml(WORDS).items()}
 
 
-def badge(rows: Iterable[Claim | CommittedClaim]) -> dict[str, Any]:
-    """Count the verdicts on all papers' claims in one line, in the schema of shields.io's endpoint badges.
-
-    The colour says nothing: a claim that fails speaks of a paper, not of its replication.
-    """
+def badge(rows: Iterable[Claim | CommittedClaim]) -> str:
+    """Count the verdicts on all papers' claims in one line."""
     of = counted(rows)
-    message = f"{of.reproduced} of {of.numbers} printed numbers; {of.hold} of {of.statements} statements"
-    return {"schemaVersion": 1, "label": "replication", "message": message, "color": "blue"}
+    return f"{of.reproduced} of {of.numbers} printed numbers; {of.hold} of {of.statements} statements"
 
 
 def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
@@ -51,7 +46,7 @@ def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
         "answers": "".join(_answer(paper, rows) for paper, rows in papers),
         "words": "".join(f"- **{word[0].upper()}{word[1:]}**: {meaning}\n" for word, meaning in words().items()),
     }
-    text = _COUNTS.sub(badge([row for _, rows in papers for row in rows])["message"], text)
+    text = _COUNTS.sub(badge([row for _, rows in papers for row in rows]), text)
     return _BLOCK.sub(lambda block: f"{block[1]}{blocks[block[2]]}{block[3]}", text)
 
 

@@ -13,27 +13,21 @@ LIKENESSES = (SAME, OTHER_SCALE, OTHER, NOT_COMPARABLE)
 def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
     """Return the likeness of a figure, one of `LIKENESSES`, and why, in a sentence.
 
-    The shape is another one if a statement about the figure fails, the scale if a printed number differs. A figure of
-    which nothing can be tested is not comparable; its text says why.
-
-    Args:
-        product: the figure, with the ids of the claims about it.
-        claims: the paper's claims by id.
-
+    The shape is another one if a claim about the figure's shape differs or fails, the scale if any other claim about it
+    does. A figure of which nothing can be tested is not comparable; its text says why. claims: the paper's, by id.
     """
     if product.not_comparable:
         return NOT_COMPARABLE, product.not_comparable
     rows = [claims[name] for name in product.claims if name in claims]
     counted = [row for row in rows if row.verdict in COUNTED_VERDICTS]
-    refuted = [row for row in counted if row.is_refuted]
+    refuted = sorted((row for row in counted if row.is_refuted), key=lambda row: row.id not in product.shape)
     decided = [row for row in counted if row.verdict != "undetermined"]
     if not decided:
         return NOT_COMPARABLE, f"What the paper says of it {'is undetermined' if counted else 'cannot fail'}."
-    failed = [row for row in refuted if row.is_statement]
     said = f"{len(refuted)} of {len(decided)} claims on it {'does' if len(refuted) == 1 else 'do'} not stand"
     if refuted:
-        first = (failed or refuted)[0]
-        return (OTHER if failed else OTHER_SCALE), f"{said}: {first.plain or first.quantity}"
+        first = refuted[0]
+        return OTHER if first.id in product.shape else OTHER_SCALE, f"{said}: {first.plain or first.quantity}"
     return SAME, f"All {len(decided)} claims on it stand." if len(
         decided
     ) > 1 else f"It stands: {decided[0].plain or decided[0].quantity}"

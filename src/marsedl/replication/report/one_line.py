@@ -8,6 +8,7 @@ from marsedl.replication.claims.claim import STANDING_VERDICTS, Claim, Doubt, Ma
 from marsedl.replication.claims.numbers import flatten, format_number, format_result, is_finite
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
+from marsedl.replication.report.formulas import with_raised_powers
 
 MOST_WORDS = 12  # of a reason in one line
 
@@ -99,7 +100,7 @@ def with_unit(text: str, unit: str) -> str:
 
 def shown_unit(unit: str) -> str:
     """Return a unit as it is shown behind a number; empty if there is none."""
-    return _UNITS.get(unit, unit)
+    return _UNITS.get(unit, with_raised_powers(unit))
 
 
 def near(value: float, other: float, error: float = 0.0, digits: int = 3) -> str:

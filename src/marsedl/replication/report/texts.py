@@ -38,6 +38,7 @@ class _Table(Keys):
 class _Figure(_Table):
     shows: Annotated[str, AfterValidator(_with_quotes)] = ""
     claims: tuple[Words, ...] = ()
+    shape: tuple[Words, ...] = ()
     not_comparable: Plain | Literal[""] = ""
 
 
@@ -62,6 +63,7 @@ class _Texts(Keys):
     in_short: tuple[Text, ...] = ()
     found: dict[str, Text] = Field({})
     beside: dict[Plain, dict[Plain, Plain]] = Field({})
+    unmarked: dict[Words, Plain] = Field({})
 
 
 class _Compared(Keys):
@@ -77,14 +79,21 @@ def with_texts(paper: Paper, path: Path) -> Paper:
     document = read_yaml(path)
     texts = checked(_Texts, document, Place(str(path), document))
     for stem, figure in texts.figures.items():
-        if bool(figure.claims) == bool(figure.not_comparable) and not figure.beyond and figure.shows:
+        about = (*figure.shape, *figure.claims)
+        if bool(about) == bool(figure.not_comparable) and not figure.beyond and figure.shows:
             remedy = "name the claims about it, or say under not_comparable why there are none"
-            raise InputError(f"{path}: figures.{stem}: {'has both' if figure.claims else 'no likeness'}; {remedy}")
+            raise InputError(f"{path}: figures.{stem}: {'has both' if about else 'no likeness'}; {remedy}")
     return replace(
         paper,
         figures={
-            stem: Product(figure.caption, figure.beyond, claims=figure.claims, not_comparable=figure.not_comparable)
-            for stem, figure in texts.figures.items()
+            stem: Product(
+                one.caption,
+                one.beyond,
+                claims=(*one.shape, *one.claims),
+                shape=one.shape,
+                not_comparable=one.not_comparable,
+            )
+            for stem, one in texts.figures.items()
         },
         described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
         tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
@@ -93,6 +102,7 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         in_short=texts.in_short,
         found=texts.found,
         beside=texts.beside,
+        unmarked=texts.unmarked,
     )
 
 

@@ -1,0 +1,397 @@
+"""The engine: compiled flights are those of the plain functions, converge, keep energy, and refuse bad models."""
+
+from dataclasses import fields
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights.columns import borrowed, column, dresser, flat, getter, putter, shape_of
+from marsedl.montecarlo.flights.diagnosis import scalar_loops
+from marsedl.montecarlo.integrators import euler_maruyama, semi_implicit_euler
+from marsedl.montecarlo.lanes import LANES, lane_array
+
+
+class State(NamedTuple):
+    h: float
+    v: float
+
+
+class White(NamedTuple):
+    a: float
+
+
+class Planet(NamedTuple):
+    gravity: float
+    table: np.ndarray
+
+
+class Law(NamedTuple):
+    gain: float
+    limit: float
+
+
+class Body(NamedTuple):
+    drag: float
+
+
+class Air(NamedTuple):
+    density: float
+
+
+class Felt(NamedTuple):
+    speed: float
+    drag: float
+
+
+class Brake(NamedTuple):
+    thrust: float
+
+
+class Memory(NamedTuple):
+    calls: float = 0.0
+    largest: float = 1.0
+
+
+class Walk(NamedTuple):
+    value: float
+
+
+class Advice(NamedTuple):
+    floor: float
+
+
+class Fastest(NamedTuple):
+    speed: float = -np.inf
+
+
+class Row(NamedTuple):
+    h: float
+    v: float
+    thrust: float
+
+
+class Seen(NamedTuple):
+    drag: float
+    guided: float
+
+
+class End(NamedTuple):
+    time: float
+    h: float
+    v: float
+    calls: float
+    walked: float
+
+
+def rates(state, found, command, vehicle, noise, p) -> State:
+    return State(
+        state.v, command.thrust - p.gravity - vehicle.drag * found.density * state.v * abs(state.v) + 0.1 * noise.a
+    )
+
+
+def look_up(state, air, p) -> Air:
+    node = min(max(int(state.h / 10.0), 0), len(air) - 1)
+    return Air(p.table[node] * (1.0 + air[node]))
+
+
+def vary(node, normal, drawn, p) -> tuple[float, Walk]:
+    value = 0.8 * drawn.value + 0.1 * normal + 0.01 * node / p.gravity
+    return value, Walk(value)
+
+
+def sense(state, found, vehicle) -> Felt:
+    return Felt(abs(state.v), vehicle.drag * found.density * state.v * state.v)
+
+
+def consult(sensed, law) -> Advice:
+    floor = 0.0
+    for number in range(3):
+        if sensed.speed > number:
+            floor += 0.1 * law.gain
+    return Advice(floor)
+
+
+def phase(sensed, memory) -> int:
+    return 1 if sensed.speed > 4.0 * memory.largest else 0
+
+
+def glide(sensed, advice, memory, past) -> tuple[Brake, Memory]:
+    past[0] = sensed.speed
+    return Brake(advice.floor), Memory(memory.calls + 1.0, max(memory.largest, 0.1 * sensed.speed))
+
+
+def brake(share, sensed, advice, memory, past, law) -> tuple[Brake, Memory]:
+    past[1] = sensed.drag
+    wanted = law.gain * sensed.speed + advice.floor + share + 1e-3 * past[1]
+    return Brake(wanted if wanted < law.limit else law.limit), Memory(memory.calls + 1.0, memory.largest)
+
+
+def interrupts(state, memory) -> bool:
+    return abs(state.v) > 5.0 * memory.largest
+
+
+def ended(state) -> float:
+    return state.h
+
+
+def watch(watched, sensed) -> Fastest:
+    return Fastest(max(watched.speed, sensed.speed))
+
+
+def store(state, command) -> Row:
+    return Row(state.h, state.v, command.thrust)
+
+
+def observe(sensed, guided) -> Seen:
+    return Seen(sensed.drag, guided)
+
+
+def finish(time, state, memory, drawn) -> End:
+    return End(time, state.h, state.v, memory.calls, drawn.value)
+
+
+def landed(state) -> bool:
+    return state.h <= 0.0
+
+
+def light(state, noise, p) -> State:
+    return State(state.v, -p.gravity + 0.1 * noise.a - 0.01 * state.v)
+
+
+def falls(state, p) -> State:
+    return State(state.v, -p.gravity)
+
+
+WHOLE = Flight(
+    rates,
+    look_up=look_up,
+    vary=vary,
+    sense=sense,
+    consult=consult,
+    phase=phase,
+    guide=(glide, brake),
+    interrupts=interrupts,
+    ended=ended,
+    watch=watch,
+    store=store,
+    observe=observe,
+    finish=finish,
+    noise=White,
+)
+EULER = Flight(light, noise=White, integrator=euler_maruyama, ended=landed)
+SEMI_IMPLICIT = Flight(light, noise=White, integrator=semi_implicit_euler(1), ended=landed)
+FALL = Flight(falls, ended=ended)
+PLANET = Planet(3.7, np.linspace(0.02, 0.01, 12))
+SCHEDULE = periods(8.0, 1.0, 4, every=2)
+
+
+def assert_same(a, b):
+    """Equal bits up to each trial's end."""
+    for field in fields(a):
+        one, other = getattr(a, field.name), getattr(b, field.name)
+        if field.name in ("history", "observed"):
+            flown = np.arange(len(one))[:, np.newaxis, np.newaxis] < a.length
+            one, other = (np.where(flown, values, 0.0) for values in (one, other))
+        np.testing.assert_array_equal(one, other, err_msg=field.name)
+
+
+def one(paths, trial):
+    return type(paths)(*(getattr(paths, field.name)[..., trial : trial + 1] for field in fields(paths)))
+
+
+CASES = st.tuples(
+    st.lists(st.tuples(st.floats(0.5, 110.0), st.floats(-20.0, 5.0), st.floats(0.1, 2.0)), min_size=1, max_size=5),
+    *(st.integers(0, 2**40), st.integers(0, 10_000), st.floats(0.0, 3.0), st.floats(0.5, 9.0), st.booleans()),
+)
+
+
+@settings(max_examples=12, deadline=None)
+@given(CASES)
+def test_compiled_flights_are_those_of_the_plain_functions(case):
+    bodies, seed, first, gain, limit, own_air = case
+    h, v, drag = np.array(bodies).T
+    options = {"vehicle": Body(drag), "law": Law(gain, limit), "seed": seed, "first_trial": first, "past": 2}
+    options |= {"stored": 2, **({"nodes": 12} if own_air else {"air": 0.01 * np.outer(np.arange(12.0), h / 100.0)})}
+    flown = WHOLE.fly(PLANET, SCHEDULE, State(h, v), **options)
+    assert flown.history.shape[1] == 2
+    for trial in range(len(h)):
+        alone = WHOLE.fly_in_python(PLANET, SCHEDULE, State(h, v), trial=first + trial, **options)
+        assert_same(one(flown, trial), alone)
+
+
+@pytest.mark.parametrize("flight", [EULER, SEMI_IMPLICIT])
+@settings(max_examples=6, deadline=None)
+@given(st.floats(0.5, 60.0), st.integers(0, 2**40), st.integers(0, 10_000), st.integers(1, 3))
+def test_euler_flights_that_end_with_a_step_are_those_of_the_plain_functions(flight, h, seed, first, increments):
+    options = {"seed": seed, "first_trial": first, "increments": increments, "trials": 3}
+    flown = flight.fly(PLANET, SCHEDULE, State(h, 1.0), **options)
+    for trial in range(3):
+        alone = flight.fly_in_python(PLANET, SCHEDULE, State(h, 1.0), trial=first + trial, **options)
+        assert_same(one(flown, trial), alone)
+
+
+def test_a_trial_flies_alike_on_any_thread_in_any_chunk_and_alone():
+    trials = 2 * LANES + 7
+    h, v = np.linspace(5.0, 110.0, trials), np.linspace(-15.0, 3.0, trials)
+
+    def fly(first, last):
+        options = {"vehicle": Body(0.5), "law": Law(1.0, 6.0), "seed": 3, "nodes": 12, "past": 2}
+        return WHOLE.fly(PLANET, SCHEDULE, State(h[first:last], v[first:last]), first_trial=first, **options)
+
+    available = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        whole = fly(0, trials)
+        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+        assert_same(whole, fly(0, trials))
+    finally:
+        numba.set_num_threads(available)
+    assert len({*whole.length}) > 2  # trials end at their own times
+    for first, last in ((0, 1), (LANES - 1, LANES + 2), (trials - 3, trials)):
+        part = fly(first, last)
+        for trial in range(first, last):
+            assert_same(one(part, trial - first), one(whole, trial))
+
+
+def test_a_drag_free_fall_ends_where_its_parabola_does():
+    height = np.array([3.0, 20.0, 47.0])
+    flown = FALL.fly(PLANET, SCHEDULE, State(height, 0.0))
+    np.testing.assert_allclose(flown.final_state[1], -np.sqrt(2.0 * 3.7 * height), rtol=1e-11)
+    np.testing.assert_allclose(flown.final_state[0], 0.0, atol=1e-10)
+
+
+class Orbit(NamedTuple):
+    x: float
+    y: float
+    u: float
+    v: float
+
+
+def attracted(state) -> Orbit:
+    squared = state.x * state.x + state.y * state.y
+    pull = 1.0 / (squared * np.sqrt(squared))
+    return Orbit(state.u, state.v, -pull * state.x, -pull * state.y)
+
+
+def crosses(state) -> float:
+    return 0.8 - state.y
+
+
+def test_a_circular_orbit_converges_to_order_four_with_and_without_a_root_and_keeps_its_energy():
+    whole, cut = [], []
+    flight = Flight(attracted, ended=crosses)
+    for steps in (16, 32, 64, 128):
+        start = Orbit(np.array([1.0, 0.0]), np.array([0.0, -1.0]), np.array([0.0, 1.0]), np.array([1.0, 0.0]))
+        # trial 0 crosses y = 0.8 at x = 0.6; trial 1 does not within 2 s
+        x, y, u, v = flight.fly((), periods(2.0, 2.0, steps), start).final_state
+        cut.append(abs(x[0] - 0.6))
+        whole.append(np.hypot(x[1] - np.sin(2.0), y[1] + np.cos(2.0)))
+    for errors in (whole, cut):
+        assert -np.polyfit(range(4), np.log2(errors), 1)[0] == pytest.approx(4.0, abs=0.4)
+    np.testing.assert_allclose(0.5 * (u**2 + v**2) - 1.0 / np.hypot(x, y), -0.5, atol=1e-8)
+
+
+# ---- refusals --------------------------------------------------------------------------------------------------------
+
+
+def misspelt(stat) -> State:
+    return State(stat, stat)
+
+
+def unannotated(state):
+    return state
+
+
+def too_short(state) -> State:
+    return (state.v,)
+
+
+def uncompilable(state) -> State:
+    return State(state.v, float(f"{state.h:.3f}"))
+
+
+def looping(sensed, memory) -> tuple[Brake, Memory]:
+    thrust = sensed.speed
+    while thrust > 1.0:
+        thrust *= 0.5
+    return Brake(thrust), memory
+
+
+def steady(sensed, memory) -> tuple[Brake, Memory]:
+    return Brake(0.5 * sensed.speed), Memory(memory.calls + 1.0, memory.largest)
+
+
+def speed(state) -> Felt:
+    return Felt(state.v, 0.0)
+
+
+def steered(state, command) -> State:
+    return State(state.v, -command.thrust)
+
+
+def test_bad_models_are_refused_by_name():
+    with pytest.raises(ValueError, match=r"misspelt .*asks for 'stat'.*did you mean 'state'"):
+        Flight(misspelt)
+    with pytest.raises(ValueError, match="annotate what unannotated"):
+        Flight(unannotated)
+    with pytest.raises(ValueError, match=r"returns a float.*return a bool"):
+        Flight(falls, ended=ended, integrator=euler_maruyama)
+
+
+@pytest.mark.parametrize(
+    ("function", "error"),
+    [(too_short, r"too_short .* returned 1 numbers for State, which has 2"), (uncompilable, "numba cannot")],
+)
+def test_what_cannot_be_compiled_is_told_with_its_reason(function, error):
+    with pytest.raises((TypeError, ValueError), match=error) as refusal:
+        Flight(function).fly((), SCHEDULE, State(1.0, 1.0))
+    line = uncompilable.__code__.co_firstlineno + 1
+    if function is uncompilable:
+        assert f"{__file__}, line {line}" in str(refusal.value)
+
+
+def test_bad_starts_are_refused_with_field_and_trial():
+    with pytest.raises(ValueError, match=r"start\.v of trial 12 is nan"):
+        FALL.fly(PLANET, SCHEDULE, State(np.ones(3), np.array([0.0, 0.0, np.nan])), first_trial=10)
+    with pytest.raises(ValueError, match=r"start\.h: 3, start\.v: 2"):
+        FALL.fly(PLANET, SCHEDULE, State(np.ones(3), np.ones(2)))
+
+
+@pytest.mark.parametrize(("guide", "slow"), [(looping, [looping]), (steady, [])])
+def test_a_guide_with_a_loop_is_told_to_be_slow(guide, slow):
+    assert scalar_loops(Flight(steered, sense=speed, guide=guide), (), (), State) == slow
+
+
+# ---- what rests on the inside of numba -------------------------------------------------------------------------------
+
+
+def test_each_intrinsic_moves_the_numbers_that_it_should():
+    get, put, dress = getter(State), putter(State, falls), dresser(shape_of(PLANET))
+
+    @njit
+    def move(table, chosen):
+        own = lane_array(2)
+        for row in range(2):
+            for lane in range(LANES):
+                own[row, lane] = -1.0
+        put(get(table, 5), own, 6, chosen)
+        return own.copy()
+
+    table = np.arange(2.0 * LANES).reshape(2, LANES)
+    for chosen in (None, True, False):
+        expected = np.full((2, LANES), -1.0)
+        expected[:, 6] = -1.0 if chosen is False else [5.0, LANES + 5.0]
+        np.testing.assert_array_equal(move(table, chosen), expected)
+
+    @njit
+    def sums(table, values):
+        p, part = dress(values), column(borrowed(table), 3)
+        return part.sum(), len(part), p.gravity, p.table.sum()
+
+    assert sums(table, flat(PLANET)) == (LANES + 6.0, 2, 3.7, PLANET.table.sum())
