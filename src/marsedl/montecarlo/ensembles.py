@@ -3,8 +3,8 @@
 A paper writes a function `simulate_block(first_trial, last_trial) -> Trajectories`, around `flights.Flight.fly` or in
 numpy. `run_blocks` simulates a chunk of trials block by block and reduces each block at once, so memory does not grow
 with the histories; `merge` joins all chunks. Blocks have a fixed size and are merged in their order: the result is
-bitwise the same for every number of chunks. Both keep
-every final state; `reduce_blocks` keeps only what its caller makes of a block.
+bitwise the same for every number of chunks. Both keep every final state; `reduce_blocks` keeps only what its caller
+makes of a block.
 """
 
 import functools
