@@ -14,6 +14,7 @@ import numpy as np
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import fly, greedy_additive, greedy_disturbance
 from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import dubins as dubins_stage
 from marsedl.papers.funnels import environment
@@ -100,7 +101,7 @@ def simulator(setting: Setting, draws: Draws):
             observed=observed,
             observed_maximum=observed.max(axis=0),
             final_state=np.vstack([history[-1], *_largest_ratios(setting, observed[:, 0])]),
-            outcome=np.full(len(trials), ensembles.COMPLETED, np.int8),
+            outcome=np.full(len(trials), COMPLETED, np.int8),
             length=np.full(len(trials), len(history), np.int64),
         )
 

@@ -7,6 +7,7 @@ depend on the entry.
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.inputs import Car, Ensemble, Planet, Uncertainty, Vehicle
@@ -90,7 +91,7 @@ def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
         del merged[name]
     # A ratio that is not a number is one of a trial that is nowhere.
     at_slices, between = ~(merged["final_state"][:, -2:] <= 1.0).T
-    lasting = merged["outcome"] == ensembles.COMPLETED
+    lasting = merged["outcome"] == COMPLETED
     return FlightEnsemble(
         time=chunks[0].time,
         level=chunks[0].level,
