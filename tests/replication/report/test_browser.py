@@ -14,7 +14,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
 SCREEN = 900  # pixels
 # Screens that the first page may take, the first one of a paper, and the second with all claims folded.
-HEIGHTS = {1440: (7, 8, 12), 390: (15, 12, 26)}
+HEIGHTS = {1440: (6, 8, 12), 390: (14, 12, 26)}
 SHEETS = {"index": 7, "paper": 5}  # of A4
 EVIDENCE = [f"{slug}_evidence" for slug in SLUGS]
 PAGES = ("index", *SLUGS, *EVIDENCE, "comparison", "about")
