@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights.binding import digest
 from marsedl.montecarlo.flights.columns import borrowed, column, dresser, flat, getter, putter, shape_of
 from marsedl.montecarlo.flights.diagnosis import scalar_loops
 from marsedl.montecarlo.integrators import euler_maruyama, semi_implicit_euler
@@ -395,3 +396,18 @@ def test_each_intrinsic_moves_the_numbers_that_it_should():
         return part.sum(), len(part), p.gravity, p.table.sum()
 
     assert sums(table, flat(PLANET)) == (LANES + 6.0, 2, 3.7, PLANET.table.sum())
+
+
+def test_a_kernel_is_named_by_where_each_constant_and_function_stands():
+    def before(a):
+        return a[1] + a[2]
+
+    def one(a, b):
+        return a[1] - b[2]
+
+    def other(a, b):
+        return a[2] - b[1]
+
+    assert digest(before, one) != digest(before, other)
+    assert digest(before, one, None) != digest(before, None, one)
+    assert digest(before, one, before) != digest(before, one, one)

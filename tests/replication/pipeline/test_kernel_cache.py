@@ -1,5 +1,6 @@
 """Compiled kernels: compiled once by jobs that run together."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -137,7 +138,10 @@ def test_every_cached_kernel_is_known(tmp_path):
     # Kernels of flights carry the digest of all that they reach in their names, see `test_flight_cache`.
     others = {"marsedl.replication.pipeline.fingerprints", "marsedl.montecarlo.flights.binding"}
     assert names - others == set(valid_names)
-    assert len(valid_names) > 10
+    flown = [
+        path for path in SOURCE.glob("marsedl/papers/*/flight.py") if "Flight(" in path.read_text(encoding="utf-8")
+    ]
+    assert len(valid_names) + len(flown) > 15
 
 
 def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_path):
@@ -152,3 +156,25 @@ def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_p
         with (copy / "marsedl" / name).open("a", encoding="utf-8") as file:
             file.write(f"\n{text}\n")
         assert (fingerprints(copy, tmp_path).kernels() == before) == same
+
+
+def test_an_edit_of_equations_of_motion_has_another_kernel_of_flights(tmp_path):
+    """Their kernels are named by all that they reach, see `binding.digest`."""
+    program = """
+from marsedl.montecarlo.flights.binding import digest
+from marsedl.papers.powered_descent.flight import rates
+print(digest(rates))
+"""
+
+    def name(source):
+        environment = os.environ | {"PYTHONPATH": str(source)}
+        return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=True).stdout
+
+    copy = shutil.copytree(SOURCE, tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    before, path = name(copy), copy / "marsedl" / "models" / "dynamics" / "powered_descent.py"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text + "\n# A comment.\n", encoding="utf-8")
+    assert name(copy) == before == name(SOURCE)
+    assert "- gravity" in text
+    path.write_text(text.replace("- gravity", "+ gravity"), encoding="utf-8")
+    assert name(copy) != before

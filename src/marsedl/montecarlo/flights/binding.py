@@ -28,9 +28,8 @@ OFFERED = {
 """Names that a function of each role may ask for; `flights` says what they are."""
 
 
-_SCALARS = ("is_due", "in_phase", "excess")
-WRITTEN = {
-    "rates": ("slope",),
+PARTS = {
+    "rates": ("state",),
     "look_up": ("found",),
     "sense": ("sensed",),
     "consult": ("advice",),
@@ -39,10 +38,11 @@ WRITTEN = {
     "observe": ("observed",),
     "watch": ("watched",),
     "finish": ("final",),
-    "interrupts": ("is_due",),
-    "phase": ("in_phase",),
-    "ended": ("excess",),
 }
+"""Parts of the flight, NamedTuples, that a function of each role returns; other roles return a number."""
+
+NUMBERS = {"interrupts": "is_due", "phase": "in_phase", "ended": "excess"}
+WRITTEN = PARTS | {"rates": ("slope",)} | {role: (name,) for role, name in NUMBERS.items()}
 """Lane arrays to which the numbers go that a function of each role returns."""
 
 _FOREIGN = ("numpy", "numba", "llvmlite")
@@ -125,7 +125,7 @@ def compiled(function, role, kinds, *, masked=False, single=False):
         exec(f"def call({', '.join(OFFERED[role])}):\n    return {call}", space)
         return inline_called_njit(space["call"])
     written = WRITTEN[role]
-    if written[0] in _SCALARS:
+    if role in NUMBERS:
         body = [f"{written[0]}[0, lane] = {call}"]
     else:
         where = "chosen[0, lane] > 0.0" if masked else "None"
@@ -153,9 +153,13 @@ def digest(*roots):
 
     def visit(value):
         value = getattr(value, "py_func", value)
-        if id(value) in seen:
+        if isinstance(value, int | float | complex | str | bytes | None | np.generic):
+            parts.append(repr(value))  # each time: what two functions share may stand in either's place
             return
-        seen[id(value)] = value  # kept, so that no other object gets its id
+        if id(value) in seen:
+            parts.append(f"again {seen[id(value)][0]}")
+            return
+        seen[id(value)] = len(seen), value  # kept, so that no other object gets its id
         if (getattr(value, "__module__", None) or "").startswith(_FOREIGN):
             parts.append(getattr(value, "__qualname__", type(value).__qualname__))
         elif isinstance(value, python_types.FunctionType):
@@ -186,8 +190,6 @@ def digest(*roots):
             parts.append(f"{type(value).__name__} of {len(value)}")
             for member in sorted(value, key=repr) if isinstance(value, frozenset) else value:
                 visit(member)
-        elif isinstance(value, int | float | complex | str | bytes | None | np.generic):
-            parts.append(repr(value))
         elif hasattr(value, "__dict__"):
             parts.append(type(value).__qualname__)
             visit(vars(value))

@@ -54,7 +54,8 @@ def warn_of_scalar_loops(flight, p, law, vehicle_class):
 def scalar_loops(flight, p, law, vehicle_class):
     """Functions among rates, sense and guide whose compiled loop over lanes is not vector code.
 
-    A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic."""
+    A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic.
+    """
     kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options[1]}
     roles = [(role, flight.functions[role]) for role in ("rates", "sense")]
     roles += [("guide", function) for function in flight.guides]

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import WRITTEN, asked, describe
+from marsedl.montecarlo.flights.binding import PARTS, asked, describe
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
 from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -125,16 +125,7 @@ class _Model:
 
     def __init__(self, flight, p, law):
         self.functions, self.parts = flight.functions, flight.parts
-        self.now = {
-            "p": p,
-            "law": law,
-            "vehicle": (),
-            "noise": (),
-            "found": (),
-            "sensed": (),
-            "advice": (),
-            "drawn": (),
-        }
+        self.now = {"p": p, "law": law} | dict.fromkeys(("vehicle", "noise", "found", "sensed", "advice", "drawn"), ())
 
     def __call__(self, role, function=None, **changed):
         function = function or self.functions[role]
@@ -142,7 +133,7 @@ class _Model:
             return ()
         offered = self.now | changed
         result = function(*(offered[name] for name in asked(function, role)))
-        for kind, values in zip(self._parts_of(role), result if role == "guide" else (result,), strict=False):
+        for kind, values in zip(PARTS.get(role, ()), result if role == "guide" else (result,), strict=False):
             wanted = self.parts[kind]
             if len(values) != len(wanted._fields):
                 raise ValueError(
@@ -150,14 +141,6 @@ class _Model:
                     f"{len(wanted._fields)}"
                 )
         return result
-
-    @staticmethod
-    def _parts_of(role):
-        return (
-            ()
-            if role in ("vary", "ended", "phase", "interrupts")
-            else (("state",) if role == "rates" else WRITTEN[role])
-        )
 
 
 def _slope(model, state, time, half_index):

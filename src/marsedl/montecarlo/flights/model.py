@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.flights.binding import Nothing, asked, describe, digest, named_kernel, returned
+from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked, describe, digest, named_kernel, returned
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
@@ -136,19 +136,8 @@ class Flight:
             self.functions[role] = self.functions[role] or the_state
             self.classes.setdefault(role, state)
         command, memory = guided[0] if guided else (Nothing, Nothing)
-        self.parts = {
-            "state": state,
-            "command": command,
-            "memory": memory,
-            "drawn": kinds["vary"][1] if vary else Nothing,
-            **{
-                name: self.classes.get(role, Nothing)
-                for name, role in (
-                    *(("found", "look_up"), ("sensed", "sense"), ("advice", "consult"), ("stored", "store")),
-                    *(("observed", "observe"), ("watched", "watch"), ("final", "finish")),
-                )
-            },
-        }
+        self.parts = {name: self.classes.get(role, Nothing) for role, (name, *_) in PARTS.items()}
+        self.parts |= {"command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing}
         self.options = (
             *(integrator, noise, float(end_tolerance)),
             bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
@@ -233,11 +222,11 @@ class Flight:
         times = len(schedule.times)
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
         watched = earlier.observed_maximum if earlier else self.parts["watched"]()
+        rows = size["stored"] if stored is None else stored
+        history, observed = into or (np.empty((times, rows, padded)), np.empty((times, size["observed"], padded)))
         flown = Trajectories(
-            history=np.empty((times, size["stored"] if stored is None else stored, padded))
-            if into is None
-            else into[0],
-            observed=np.empty((times, size["observed"], padded)) if into is None else into[1],
+            history=history,
+            observed=observed,
             observed_maximum=table_of(watched, width, padded),
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
