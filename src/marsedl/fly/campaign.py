@@ -82,8 +82,7 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials."""
         flown, history = self.fly(trials, self.history), None
         if self.history is not None:
-            after = np.arange(len(flown.history))[:, np.newaxis] >= flown.length
-            history = np.where(after[:, np.newaxis], np.nan, flown.history)
+            history = flown.cleared().history
         return flown.final_state, self.outcomes(flown), history
 
     def fly_all(self, first, last, processes, progress):

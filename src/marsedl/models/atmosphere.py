@@ -22,9 +22,11 @@ __all__ = [
     "TemperaturePressureFit",
     "UniformNodes",
     "casadi_log_density",
+    "log_density_in_cells",
     "log_quadratic",
     "named_log_density",
     "named_profile",
+    "node_below",
     "tabulated",
     "temperature_pressure",
     "temperature_pressure_fit",
@@ -310,6 +312,41 @@ def uniform_cells(log_density, slope, spacing):
     cells[1:-1, 2] = 3.0 * rise - 2.0 * slope[:-1] - slope[1:]
     cells[1:-1, 3] = slope[:-1] + slope[1:] - 2.0 * rise
     return cells
+
+
+@jitable
+def log_density_in_cells(altitude, bottom, cells_per_metre, cells):
+    r"""$\ln\rho$ of the cells of `uniform_cells` at an altitude, within -600 and 600; NaN stays NaN.
+
+    Args:
+        altitude, bottom: here, and of the first node, m. cells_per_metre: 1/m. cells: (n + 1, 4).
+
+    Returns:
+        Logarithm of kg/m^3, of which `elementary.exponential` takes the density without subnormal products.
+    """
+    position = (altitude - bottom) * cells_per_metre + 1.0  # before the first node there is a cell more
+    last = np.float64(cells.shape[0] - 1)
+    inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
+    inside = inside if inside < last else last
+    cell = np.int32(inside)
+    fraction = position - cell
+    logarithm = cells[cell, 0] + fraction * (cells[cell, 1] + fraction * (cells[cell, 2] + fraction * cells[cell, 3]))
+    logarithm = -600.0 if logarithm < -600.0 else logarithm
+    return 600.0 if logarithm > 600.0 else logarithm
+
+
+@jitable
+def node_below(position, nodes):
+    """Node of a uniform table below a position (in cells from its first node), and the fraction of the way to the next.
+
+    Positions beyond the table, and NaN, count as its ends.
+    """
+    last = np.float64(nodes - 1)
+    position = position if position > 0.0 else 0.0
+    position = position if position < last else last
+    node = np.int32(position)
+    node = node if node < nodes - 1 else np.int32(nodes - 2)
+    return node, position - node
 
 
 # ---- by name ---------------------------------------------------------------------------------------------------------

@@ -53,6 +53,22 @@ class Trajectories:
 
     __repr__ = summary
 
+    @property
+    def after_end(self):
+        """(times, trials) bool: the trial has ended before the output."""
+        return _after_end(self.length, len(self.history))
+
+    @property
+    def finite(self):
+        """(trials,) bool: the final state and what was observed at most are finite."""
+        return np.isfinite(self.final_state).all(axis=0) & np.isfinite(self.observed_maximum).all(axis=0)
+
+    def cleared(self):
+        """Itself, with NaN in place of what history and observed hold beyond a trial's end."""
+        for stored in (self.history, self.observed):
+            np.copyto(stored, np.nan, where=self.after_end[:, np.newaxis])
+        return self
+
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
@@ -182,10 +198,9 @@ def _after_end(length, times):
 
 def _finite_trials(block):
     """(trials,) bool: every number of the trial is finite, up to its end."""
-    finite = np.isfinite(block.observed_maximum).all(axis=0) & np.isfinite(block.final_state).all(axis=0)
-    after_end = _after_end(block.length, len(block.history))
+    finite = block.finite
     for array in (block.history, block.observed):
-        finite &= (np.isfinite(array).all(axis=1) | after_end).all(axis=0)
+        finite &= (np.isfinite(array).all(axis=1) | block.after_end).all(axis=0)
     return finite
 
 

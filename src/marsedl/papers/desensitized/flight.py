@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.compiling import jitable
+from marsedl.models.atmosphere import log_density_in_cells
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories
@@ -18,8 +19,6 @@ from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.papers.desensitized.components import ALTITUDE, STATES, STORED
 from marsedl.papers.desensitized.entry_problem import ROUNDING
 from marsedl.papers.desensitized.inputs import Planet, Vehicle
-
-LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
 
 
 class Reference(NamedTuple):
@@ -124,24 +123,13 @@ def hold_nominal(cycle, p) -> tuple[Control, Nothing]:
     return Control(p.nominal_control[cycle]), ()
 
 
-@jitable
-def _log_density(altitude, p):
-    """ln of the density: cubics between uniform nodes, and a cell more before the first node and behind the last."""
-    position = (altitude - p.settings.bottom) * p.settings.cells_per_metre + 1.0
-    last = np.float64(p.cells.shape[0] - 1)
-    inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
-    inside = inside if inside < last else last
-    cell = np.int32(inside)
-    fraction = position - cell
-    cells = p.cells
-    logarithm = cells[cell, 0] + fraction * (cells[cell, 1] + fraction * (cells[cell, 2] + fraction * cells[cell, 3]))
-    logarithm = LEAST_LOG_DENSITY if logarithm < LEAST_LOG_DENSITY else logarithm  # NaN stays NaN
-    return LARGEST_LOG_DENSITY if logarithm > LARGEST_LOG_DENSITY else logarithm
-
-
 def look_up(state, p) -> Density:
     """Densities around the trial and the nominal."""
-    return Density(_log_density(state.altitude, p), _log_density(state.nominal_altitude, p))
+    bottom, cells_per_metre = p.settings.bottom, p.settings.cells_per_metre
+    return Density(
+        log_density_in_cells(state.altitude, bottom, cells_per_metre, p.cells),
+        log_density_in_cells(state.nominal_altitude, bottom, cells_per_metre, p.cells),
+    )
 
 
 @jitable
@@ -307,9 +295,5 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
         vehicle=Air(density_factor),
     )
     trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
-    finite = np.isfinite(trajectories.final_state).all(axis=0) & np.isfinite(trajectories.observed_maximum).all(axis=0)
-    trajectories.outcome[~finite] = NON_FINITE
-    ended = np.arange(len(trajectories.history))[:, np.newaxis, np.newaxis] >= trajectories.length
-    for stored in (trajectories.history, trajectories.observed):
-        np.copyto(stored, np.nan, where=ended)
-    return trajectories
+    trajectories.outcome[~trajectories.finite] = NON_FINITE
+    return trajectories.cleared()

@@ -66,9 +66,8 @@ def _reduced(setting, draws, flown, drawn_trials):
 
     def recorded(first, last):
         block = simulate_block(first, last)
-        finite = np.isfinite(block.final_state).all(axis=0) & np.isfinite(block.observed_maximum).all(axis=0)
         for repeat in range(REPEATS):
-            values = block.observed[..., finite & (np.arange(first, last) % REPEATS == repeat)]
+            values = block.observed[..., block.finite & (np.arange(first, last) % REPEATS == repeat)]
             if values.size:
                 np.fmax(repeat_maximum[repeat], values.max(axis=-1), out=repeat_maximum[repeat])
         return block

@@ -260,8 +260,7 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         output += count
         increment += control.steps * draws.increments
     flown.outcome[flown.observed_maximum[DEPTH] > 0] = CRASHED
-    finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
-    flown.outcome[~finite] = NON_FINITE
+    flown.outcome[~flown.finite] = NON_FINITE
     length = np.full_like(flown.length, output)
     return replace(flown, history=history, observed=observed, length=length).first(len(initial_states))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from marsedl.compiling import jitable
-from marsedl.models.atmosphere import uniform_cells
+from marsedl.models.atmosphere import log_density_in_cells, node_below, uniform_cells
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
@@ -25,7 +25,6 @@ from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1
-LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
 
 
 class Law(NamedTuple):
@@ -257,42 +256,18 @@ def vary(node, normal, drawn, p) -> tuple[float, Variation]:
     return process + p.variation_mean, Variation(process)
 
 
-@jitable
-def _node(position, nodes):
-    """Node of a uniform table below a position, and the fraction of the way to the next; held beyond the table."""
-    last = np.float64(nodes - 1)
-    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
-    position = position if position < last else last
-    node = np.int32(position)
-    node = node if node < nodes - 1 else np.int32(nodes - 2)
-    return node, position - node
-
-
 def look_up(state, air, p) -> Density:
     """ln of the mean density, and its variation, linear between the nodes of the field and held beyond."""
     altitude = state.radius - p.planet_radius
-    # Before the first node and behind the last there is a cell more.
-    position = (altitude - p.bottom) * p.cells_per_metre + 1.0
-    last = np.float64(p.cells.shape[0] - 1)
-    inside = position if position > 0.0 else 0.0
-    inside = inside if inside < last else last
-    cell = np.int32(inside)
-    fraction, c = position - cell, p.cells[cell]
-    log_mean = c[0] + fraction * (c[1] + fraction * (c[2] + fraction * c[3]))
-    node, fraction = _node((altitude - p.field_bottom) * p.nodes_per_metre, air.shape[0])
+    log_mean = log_density_in_cells(altitude, p.bottom, p.cells_per_metre, p.cells)
+    node, fraction = node_below((altitude - p.field_bottom) * p.nodes_per_metre, air.shape[0])
     return Density(log_mean, air[node] + fraction * (air[node + 1] - air[node]))
-
-
-@jitable
-def _mean_density(log_density):
-    log_density = LEAST_LOG_DENSITY if log_density < LEAST_LOG_DENSITY else log_density  # NaN stays NaN
-    return exponential(LARGEST_LOG_DENSITY if log_density > LARGEST_LOG_DENSITY else log_density)
 
 
 def rates(state, found, command, p) -> State:
     """Eq. 71 in the density of Eq. 72."""
     sin_path, cos_path = sine_cosine(state.path_angle)
-    density = _mean_density(found.log_mean) * density_factor(found.variation, p.density_floor)
+    density = exponential(found.log_mean) * density_factor(found.variation, p.density_floor)
     return State(
         *planar_entry_rates_from_sines(
             state.radius,
@@ -352,7 +327,7 @@ def observe(command) -> Observed:
 def store(state, found, command, p) -> Row:
     """The history; see `fly`."""
     met = found.variation if p.actual_density else p.variation_mean
-    density = _mean_density(found.log_mean) * density_factor(met, p.density_floor)
+    density = exponential(found.log_mean) * density_factor(met, p.density_floor)
     pressure = 0.5 * density * state.velocity * state.velocity
     altitude = state.radius - p.planet_radius
     return Row(altitude, state.velocity, state.path_angle, found.variation, pressure, command.commanded)
@@ -417,16 +392,8 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     )
     trajectories = replace(trajectories, observed_maximum=trajectories.observed_maximum[:2])
     trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
-    trajectories.outcome[~_finite(trajectories)] = NON_FINITE
-    ended = np.arange(len(trajectories.history))[:, np.newaxis, np.newaxis] >= trajectories.length
-    for stored in (trajectories.history, trajectories.observed):
-        np.copyto(stored, np.nan, where=ended)
-    return trajectories
-
-
-def _finite(trajectories):
-    """(trials,) bool: the trial's end and its commands are finite."""
-    return np.isfinite(trajectories.final_state).all(axis=0) & np.isfinite(trajectories.observed_maximum).all(axis=0)
+    trajectories.outcome[~trajectories.finite] = NON_FINITE
+    return trajectories.cleared()
 
 
 def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
@@ -495,7 +462,7 @@ class LargestControl(NamedTuple):
 def field_at(state, air, p) -> Field:
     """The field by cubic Hermite polynomials with finite-difference slopes, held constant beyond its grid."""
     last = air.shape[0] - 1
-    node, fraction = _node((state.position - p.bottom) * p.nodes_per_unit, air.shape[0])
+    node, fraction = node_below((state.position - p.bottom) * p.nodes_per_unit, air.shape[0])
     value, following = air[node], air[node + 1]
     # Slopes per cell, one-sided at both ends of the grid.
     first = (following - air[max(node - 1, 0)]) * (0.5 if node > 0 else 1.0)
@@ -593,5 +560,5 @@ def fly_double_integrator(
         air=fields,
         past=2 * len(law.control),
     ).first(len(states))
-    trajectories.outcome[~_finite(trajectories)] = NON_FINITE
+    trajectories.outcome[~trajectories.finite] = NON_FINITE
     return trajectories

@@ -98,8 +98,7 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1)
         command = trajectories.observed[:, 0]
         observed = np.stack([command, np.maximum(command - upper, lower - command)], axis=1)
         # Until a trial's end; what is stored behind is of no meaning.
-        ended = np.arange(len(observed))[:, np.newaxis] >= trajectories.length
-        largest = np.where(ended[:, np.newaxis], -np.inf, observed).max(axis=0)
+        largest = np.where(trajectories.after_end[:, np.newaxis], -np.inf, observed).max(axis=0)
         return replace(trajectories, observed=observed, observed_maximum=largest)
 
     return simulate_block

@@ -18,6 +18,7 @@ from marsedl.methods.guidance.lateral import (
     rate_limited_bank_as_printed,
 )
 from marsedl.methods.guidance.targeting import target_direction_from_sines
+from marsedl.models.atmosphere import node_below
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.entry import entry_rates_from_sines
 from marsedl.montecarlo.elementary import arc_cosine, arctangent, exponential, sine_cosine
@@ -308,12 +309,7 @@ def vary(node, normal, drawn, p) -> tuple[float, Variation]:
 def look_up(state, air, p) -> Density:
     """Mean density and the factor of its variation at an altitude, linear between the nodes, held beyond."""
     position = (state.radius - p.planet_radius - p.bottom) * p.nodes_per_metre
-    last = np.float64(p.log_density.shape[0] - 1)
-    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
-    position = position if position < last else last
-    node = np.int32(position)
-    node = node if node < p.log_density.shape[0] - 1 else np.int32(p.log_density.shape[0] - 2)
-    fraction = position - node
+    node, fraction = node_below(position, p.log_density.shape[0])
     below = air[node]
     return Density(p.log_density[node] + fraction * p.log_step[node], below + fraction * (air[node + 1] - below))
 
