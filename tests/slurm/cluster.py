@@ -13,10 +13,10 @@ import pwd
 import secrets
 import shlex
 import shutil
-import signal
 import socket
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "scancel", "squeue", "scontrol")
@@ -113,27 +113,12 @@ class Cluster:
         options = [f"--{option}={self.folder}/munge.{end}" for option, end in files.items()]
         self._run("munged", "--force", *options)  # it mistrusts folders that others may not enter
         self._run("slurmctld", "-f", str(self.configuration))
-        self.start_node()
-
-    def start_node(self) -> None:
-        """Start the node daemon and wait until a job could run."""
         self._run("slurmd", "-f", str(self.configuration), "-N", "node")
-        self.wait_for_node("idle", "mixed", "allocated")
+        if not _wait(self._is_ready, 60):
+            raise RuntimeError(f"the node does not get ready:\n{self._logs()}")
 
-    def wait_for_node(self, *states: str, seconds: float = 60) -> None:
-        """Wait until the node is in one of these states, in Slurm's words; raises RuntimeError if it takes too long."""
-        end = time.monotonic() + seconds
-        while (state := self.node_state()) not in states:
-            if time.monotonic() > end:
-                raise RuntimeError(f"the node is {state}, not {' or '.join(states)}:\n{self._logs()}")
-            time.sleep(0.2)
-
-    def node_state(self) -> str:
-        """Return the state of the node, in Slurm's words; empty while the controller does not answer."""
-        process = self.command("scontrol", "--oneliner", "show", "node", "node")
-        states = [word.partition("=")[2] for word in process.stdout.split() if word.startswith("State=")]
-        state = states[0].lower() if states else ""
-        return "down" if state.startswith("down") else state  # Slurm adds whether the node answers
+    def _is_ready(self) -> bool:
+        return "State=IDLE" in self.command("scontrol", "--oneliner", "show", "node", "node").stdout
 
     def command(self, name: str, *arguments: str) -> subprocess.CompletedProcess:
         """Run one of Slurm's commands on this cluster; returns the finished process with its output."""
@@ -150,17 +135,13 @@ class Cluster:
         process = self.command("squeue", "--noheader", f"--states={states}", "--format=%i %T")
         return {int(number): state for number, state in (line.split() for line in process.stdout.splitlines())}
 
-    def kill_node(self) -> None:
-        """Let the node die as in a power cut: its daemon and all that runs in its jobs, at once."""
-        _kill(self._pids("slurmd"))
-
-    def kill_node_daemon(self) -> None:
-        """Let the node daemon die alone; what it has started goes on."""
-        _kill(self._roots("slurmd"))
-
     def down(self) -> None:
         """End all jobs and daemons; the folder stays, with the logs."""
-        _kill(self._pids("slurmd", "slurmctld", "munged"))
+        self.command("scancel", f"--user={pwd.getpwuid(os.getuid()).pw_name}")
+        _wait(lambda: not self.jobs("pending,running,completing"), 30)
+        self.command("scontrol", "shutdown")
+        _wait(lambda: not (self.folder / "slurmd.pid").exists(), 10)  # until then it needs munge
+        self.command("munged", "--stop", f"--socket={self.folder}/munge.socket")
 
     def _run(self, name: str, *arguments: str) -> None:
         process = self.command(name, *arguments)
@@ -173,52 +154,13 @@ class Cluster:
             parts.append(f"--- {path}\n{path.read_text(encoding='utf-8', errors='replace')[-2000:]}")
         return "\n".join(parts)
 
-    def _roots(self, *daemons: str) -> set[int]:
-        """The processes of these daemons: they name the folder in their command line, even if it is gone."""
-        pids = set()
-        for entry in Path("/proc").iterdir():
-            with contextlib.suppress(OSError):
-                named = entry.name.isdigit() and (entry / "comm").read_text().strip() in daemons
-                if named and f"{self.folder}/".encode() in (entry / "cmdline").read_bytes():
-                    pids.add(int(entry.name))
-        return pids
 
-    def _pids(self, *daemons: str) -> set[int]:
-        """The processes of daemons, of the node's also the managers of its steps, and all that descends from them."""
-        parents = {}
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                with contextlib.suppress(OSError, IndexError):
-                    parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-        pids = self._roots(*daemons)
-        if "slurmd" in daemons:
-            pids |= {pid for pid in parents if self._is_step(pid)}
-        while more := {pid for pid, parent in parents.items() if parent in pids} - pids:
-            pids |= more
-        return pids
-
-    def _is_step(self, pid: int) -> bool:
-        """Whether a process is the manager of a job's step on this node, which outlives the daemon that started it."""
-        with contextlib.suppress(OSError):
-            name = Path(f"/proc/{pid}/comm").read_text().strip()
-            return name == "slurmstepd" and str(self.folder) in str(Path(f"/proc/{pid}/cwd").readlink())
-        return False
-
-
-def _kill(pids: set[int]) -> None:
-    for pid in pids:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-    end = time.monotonic() + 10
-    while any(_alive(pid) for pid in pids) and time.monotonic() < end:
-        time.sleep(0.05)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+def _wait(until: Callable[[], bool], seconds: float) -> bool:
+    """Wait until something is true, or that long; returns whether it is."""
+    end = time.monotonic() + seconds
+    while not (reached := until()) and time.monotonic() < end:
+        time.sleep(0.2)
+    return reached
 
 
 def _free_ports(number: int) -> list[int]:

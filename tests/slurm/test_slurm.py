@@ -1,14 +1,12 @@
-"""The workflow on a real Slurm, brought up on this machine: the same bytes as without it, whatever dies.
+"""The workflow on a real Slurm, brought up on this machine: the same bytes as without it, and jobs sent again.
 
 `pytest tests/slurm` runs what is short, on the small project, after `make slurm` and with Slurm and munge installed.
-`pytest -m long tests/slurm` runs the whole smoke pipeline of the papers, and the faults that take minutes.
+`pytest -m long tests/slurm` runs the whole smoke pipeline of the papers, and jobs that need more memory.
 """
 
 import contextlib
-import functools
 import importlib.util
 import os
-import random
 import re
 import runpy
 import shutil
@@ -115,17 +113,6 @@ class Submitted:
             lambda: next((job for job in self.jobs("running") if self._rule(job) == rule), None), seconds
         )
 
-    def stage(self, job, seconds=60):
-        """Wait until the process of a running job that runs the stage is there; returns its number."""
-        return self.wait_for(functools.partial(_stage_of, self.cluster, job), seconds)
-
-    def cancelled(self, seconds):
-        """Wait until no job is left that could run."""
-        end = time.monotonic() + seconds
-        while self.jobs("pending,running,completing"):
-            assert time.monotonic() < end, self.jobs()
-            time.sleep(0.2)
-
     def wait_for(self, find, seconds):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -138,19 +125,6 @@ class Submitted:
     def _rule(self, job):
         process = self.cluster.command("squeue", "--noheader", f"--jobs={job}", "--format=%k")  # the comment
         return re.sub(r"_wildcards_.*", "", process.stdout.strip()).removeprefix("rule_")
-
-
-def _stage_of(cluster, job):
-    marks = f"SLURM_JOB_ID={job}\0".encode(), f"SLURM_CONF={cluster.configuration}\0".encode()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            with contextlib.suppress(OSError, IndexError):
-                command = (entry / "cmdline").read_bytes().split(b"\0")
-                runs = b"python" in command[0] and command[1].endswith(b".stage.py")
-                environment = (entry / "environ").read_bytes()
-                if runs and all(mark in environment for mark in marks):
-                    return int(entry.name)
-    return None
 
 
 def is_whole(folder, expected, *targets):
@@ -210,7 +184,7 @@ def undone(project):
     return folder, expected
 
 
-def other_profile(folder, **resources):
+def profile_with(folder, **resources):
     """The profile in a folder with other resources of the chunks; on the command line they would replace all others."""
     profile = yaml.safe_load((folder / PROFILE / "config.yaml").read_text(encoding="utf-8"))
     profile["set-resources"][CHUNK] = {**profile["default-resources"], **resources}
@@ -224,7 +198,6 @@ def test_a_job_cancelled_by_hand_is_sent_again(undone, cluster):
     folder, expected = undone
     with Submitted(cluster, folder, CASE) as run:
         job = run.running(CHUNK)
-        run.stage(job)
         cluster.command("scancel", str(job))
         output = run.works()
         assert run.jobs()[job] == "CANCELLED"
@@ -233,24 +206,9 @@ def test_a_job_cancelled_by_hand_is_sent_again(undone, cluster):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("moment", range(3))
-def test_jobs_cancelled_at_any_moment_are_sent_again(undone, cluster, moment):
-    """Two jobs of every run, some time after they started: as Snakemake starts, as they fly, or at their end."""
-    folder, expected = undone
-    draw = random.Random(moment)
-    with Submitted(cluster, folder, CASE, "--retries", "4") as run:
-        for rule in (CHUNK, draw.choice((CHUNK, GATHER))):
-            job = run.running(rule)
-            time.sleep(draw.uniform(0, 5))
-            cluster.command("scancel", str(job))
-        run.works()
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
 def test_a_job_over_its_memory_is_killed_and_gets_more(undone, cluster):
     folder, expected = undone
-    profile = other_profile(folder, mem_mb="120 if attempt == 1 else 1500")
+    profile = profile_with(folder, mem_mb="120 if attempt == 1 else 1500")
     with Submitted(cluster, folder, CASE, profile=profile) as run:
         run.works()
         jobs = run.jobs()
@@ -258,76 +216,4 @@ def test_a_job_over_its_memory_is_killed_and_gets_more(undone, cluster):
     logs = {int(path.stem): path.read_text("utf-8") for path in folder.glob(".snakemake/slurm_logs/**/*.log")}
     killed = {job for job, state in jobs.items() if state == "FAILED"}
     assert {job for job in killed if "exceeded memory limit" in logs[job]} == killed
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
-def test_a_job_over_its_time_is_killed_and_gets_more(undone, cluster):
-    """One that hangs: its process is stopped, until Slurm's limit of one minute ends it."""
-    folder, expected = undone
-    with Submitted(cluster, folder, CASE, profile=other_profile(folder, runtime="1 * attempt")) as run:
-        job = run.running(CHUNK)
-        os.kill(run.stage(job), signal.SIGSTOP)
-        output = run.works()
-        assert run.jobs()[job] == "TIMEOUT"
-    assert f"SLURM-job '{job}' failed, SLURM status is: 'TIMEOUT'" in output
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("noticed", [False, True])
-def test_a_node_that_dies_and_comes_back_takes_its_jobs_up_again(undone, cluster, noticed):
-    """It comes back before or after the controller has seen that it is gone."""
-    folder, expected = undone
-    with Submitted(cluster, folder, CASE) as run:
-        job = run.running(CHUNK)
-        run.stage(job)
-        cluster.kill_node()
-        if noticed:
-            cluster.wait_for_node("down", seconds=180)
-        else:
-            time.sleep(15)  # no machine starts faster than this, and Slurm takes no younger job for lost
-        cluster.start_node()
-        run.works()
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
-def test_a_node_daemon_that_dies_alone_loses_no_job(undone, cluster):
-    """What it has started goes on without it."""
-    folder, expected = undone
-    with Submitted(cluster, folder, CASE) as run:
-        job = run.running(CHUNK)
-        run.stage(job)
-        cluster.kill_node_daemon()
-        time.sleep(3)
-        cluster.start_node()
-        run.works()
-        assert set(run.jobs().values()) == {"COMPLETED"}
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
-def test_a_killed_snakemake_can_go_on_while_its_jobs_still_run(undone, cluster):
-    folder, expected = undone
-    with Submitted(cluster, folder, CASE) as run:
-        run.stage(run.running(CHUNK))
-        run.kill()
-        process = snakemake(folder, "--unlock", *SIZE)
-        assert process.returncode == 0, process.stdout
-        with Submitted(cluster, folder, CASE) as again:
-            again.works()
-    is_whole(folder, expected)
-
-
-@pytest.mark.long
-def test_a_stopped_snakemake_cancels_its_jobs_and_can_go_on(undone, cluster):
-    folder, expected = undone
-    with Submitted(cluster, folder, CASE) as run:
-        run.stage(run.running(CHUNK))
-        os.kill(run.process.pid, signal.SIGINT)
-        assert run.process.wait(timeout=120) != 0
-        run.cancelled(seconds=30)
-    with Submitted(cluster, folder, CASE) as run:
-        run.works()
     is_whole(folder, expected)
