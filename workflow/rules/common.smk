@@ -184,8 +184,13 @@ def shown(path, kind, item="{stem}", *, category="{paper}", caption="product", r
 
 @functools.cache
 def quoting(paper, reading):
-    """A paper's catalogue with the numbers that its texts quote, if there are verdicts that they agree with."""
+    """A paper's catalogue, for the report with the numbers that its texts quote, if there are verdicts that they agree with.
+
+    To read the verdicts takes longer than to plan all jobs.
+    """
     readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
+    if "--report" not in targets.words_of(sys.argv):
+        return PAPERS[paper]
     with contextlib.suppress(MarsedlError):
         if path.exists():
             return with_numbers(PAPERS[paper], Quotes(read_claims(path), readings, reading))
