@@ -4,38 +4,21 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import PARTS, asked, describe
+from marsedl.montecarlo.flights.binding import PARTS, asked
 from marsedl.montecarlo.flights.loop import END_ITERATIONS
-from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
+from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
+from marsedl.words import described
 
 
-def fly(
-    flight,
-    p,
-    schedule,
-    start,
-    *,
-    trial=0,
-    trials=None,
-    vehicle=(),
-    law=(),
-    memory=None,
-    seed=0,
-    first_trial=0,
-    nodes=0,
-    air=None,
-    increments=1,
-    first_increment=0,
-    streams=(NOISE_STREAM, AIR_STREAM),
-    stored=None,
-    past=0,
-):
-    """Fly one trial; arguments as of `Flight.fly_in_python`."""
+def fly(flight, trial, given):
+    """Fly one trial, as `Flight.fly_in_python` says; given: arguments of `Flight.fly` by name."""
+    p, schedule, start, vehicle, air = given.p, given.schedule, given.start, given.vehicle, given.air
+    memory, nodes, first_trial, increments = given.memory, given.nodes, given.first_trial, given.increments
     earlier = start if isinstance(start, Trajectories) else None
     start = earlier.final_state if earlier else start
-    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, trials)
+    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, given.trials)
     if not first_trial <= trial:
         raise ValueError(f"trial {trial} comes before the first one, {first_trial}")
     own = trial - first_trial if width > 1 else 0
@@ -47,28 +30,30 @@ def fly(
     if not earlier:
         check_start(first_state, parts["state"], trial)
 
-    model = _Model(flight, p, law)
+    model = _Model(flight, p, given.law)
     now = model.now
     now["state"] = parts["state"](*first_state[:, 0])
     if hasattr(vehicle, "_fields"):
         now["vehicle"] = type(vehicle)(*table_of(vehicle, width)[:, own])
     now["memory"] = parts["memory"](*map(np.float64, parts["memory"]() if memory is None else memory))
     now["command"] = parts["command"](*[np.float64(0.0)] * len(parts["command"]._fields))
-    now["past"] = np.empty(past)
+    now["past"] = np.empty(given.past)
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
     if "vary" in flight.classes and air is None:
-        for node, normal in zip(reversed(range(nodes)), normals(seed, streams[1], [trial], nodes)[0], strict=True):
+        for node, normal in zip(
+            reversed(range(nodes)), normals(given.seed, given.streams[1], [trial], nodes)[0], strict=True
+        ):
             now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
-    draws = normals(seed, streams[0], [trial], (first_increment + total * increments) * size)[0]
-    draws = draws[first_increment * size :].reshape(total, increments, size)
+    draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
+    draws = draws[given.first_increment * size :].reshape(total, increments, size)
 
     ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
     watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))
     times = len(schedule.times)
-    history = np.full((times, len(parts["stored"]._fields) if stored is None else stored, 1), np.nan)
+    history = np.full((times, len(parts["stored"]._fields) if given.stored is None else given.stored, 1), np.nan)
     observed = np.full((times, len(parts["observed"]._fields), 1), np.nan)
     bounds, flown, end_time, length = np.append(0, np.cumsum(schedule.steps)), 0, None, times
     now["guided"] = np.float64(0.0)
@@ -137,7 +122,7 @@ class _Model:
             wanted = self.parts[kind]
             if len(values) != len(wanted._fields):
                 raise ValueError(
-                    f"{describe(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
+                    f"{described(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
                     f"{len(wanted._fields)}"
                 )
         return result

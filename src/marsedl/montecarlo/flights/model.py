@@ -1,14 +1,17 @@
 """A model of a flight, bound once, and the flights of it."""
 
+import inspect
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked, describe, digest, named_kernel, returned
+from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked, digest, named_kernel, returned
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
+from marsedl.words import described
 
 NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
 
@@ -122,9 +125,11 @@ class Flight:
             raise ValueError(f"all functions guide must return the same two classes, got {guided}")
         if interrupts and not guide:
             raise ValueError("interrupts is asked whether guidance is due within a period; this flight has no guide")
+        if not hasattr(noise, "_fields"):
+            raise ValueError(f"noise is {noise!r}; give a NamedTuple class with a field for each of its components")
         if self.classes.get("ended") is float and integrator is not runge_kutta_4:
             raise ValueError(
-                f"{describe(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
+                f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
                 f"integrator return a bool, which ends a flight at the end of a step"
             )
 
@@ -267,12 +272,14 @@ class Flight:
     def fly_in_python(self, p, schedule, start, *, trial=0, **options):
         """Fly one trial by the functions as they are written: errors name their lines, `print` and debuggers work.
 
-        Arguments are those of `fly`, where `start`, `vehicle` and `air` may hold all trials or this one alone. Returns
-        `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
+        Arguments are those of `fly` but `into`; `start`, `vehicle` and `air` may hold all trials or this one alone.
+        Returns `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
         """
         from marsedl.montecarlo.flights.in_python import fly
 
-        return fly(self, p, schedule, start, trial=trial, **options)
+        given = inspect.signature(self.fly).bind(p, schedule, start, **options)
+        given.apply_defaults()
+        return fly(self, trial, SimpleNamespace(**given.arguments))
 
     def _kernel(self, *shapes):
         if shapes not in self._kernels:

@@ -460,35 +460,21 @@ def observe(guided, memory) -> Observed:
     return Observed(memory.bank, memory.change if guided > 0.0 else 0.0)
 
 
+@jitable
+def _flown_so_far(sensed, p):
+    """What is stored of a flight over time and of its end."""
+    altitude = sensed.radius - p.planet_radius
+    return altitude, sensed.velocity, sensed.path_angle, sensed.downrange, sensed.density, sensed.crossrange
+
+
 def store(state, sensed, memory, p) -> Row:
     """The history and the place; see `fly`."""
-    return Row(
-        sensed.radius - p.planet_radius,
-        sensed.velocity,
-        sensed.path_angle,
-        sensed.downrange,
-        sensed.density,
-        sensed.crossrange,
-        memory.cosine,
-        state.longitude,
-        state.latitude,
-        state.azimuth,
-    )
+    return Row(*_flown_so_far(sensed, p), memory.cosine, state.longitude, state.latitude, state.azimuth)
 
 
 def finish(time, sensed, memory, drawn, p) -> Final:
     """The end of a flight; see `fly`."""
-    return Final(
-        sensed.radius - p.planet_radius,
-        sensed.velocity,
-        sensed.path_angle,
-        sensed.downrange,
-        sensed.density,
-        sensed.crossrange,
-        time,
-        memory.reversals,
-        drawn.floored,
-    )
+    return Final(*_flown_so_far(sensed, p), time, memory.reversals, drawn.floored)
 
 
 FLIGHT = Flight(
