@@ -57,7 +57,7 @@ def scalar_loops(flight, p, law, vehicle_class):
 
     A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic.
     """
-    kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options[1]}
+    kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options["noise"]}
     roles = [(role, flight.functions[role]) for role in ("rates", "sense")]
     roles += [("guide", function) for function in flight.guides]
     found = []

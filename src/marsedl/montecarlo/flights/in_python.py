@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights.binding import PARTS, asked
-from marsedl.montecarlo.flights.loop import END_ITERATIONS
+from marsedl.montecarlo.flights.loop import END_ITERATIONS, narrowed
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
@@ -24,8 +24,7 @@ def fly(flight, trial, given):
     own = trial - first_trial if width > 1 else 0
     if own >= width:
         raise ValueError(f"trial {trial} is not among the {width} from {first_trial} on")
-    parts, integrator, noise_class = flight.parts, flight.options[0], flight.options[1]
-    end_tolerance, watch_steps = flight.options[2:]
+    parts, noise_class, watch_steps = flight.parts, flight.options["noise"], flight.options["watch_steps"]
     first_state = table_of(start, width)[:, own : own + 1]
     if not earlier:
         check_start(first_state, parts["state"], trial)
@@ -88,9 +87,9 @@ def fly(flight, trial, given):
         for increment in draws[flown]:
             white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
         now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
-        before, now["state"] = now["state"], _advanced(model, integrator, step)
+        before, now["state"] = now["state"], _advanced(model, flight.options["integrator"], step)
         if ends and finds_root and model("ended") <= 0.0:
-            part, now["state"] = _to_end(model, before, now["state"], step, end_tolerance)
+            part, now["state"] = _to_end(model, before, now["state"], step, flight.options["end_tolerance"])
             end_time, length = time + part, flown // schedule.every + 1
         elif ends and not finds_root and model("ended"):
             end_time, length = time + step, flown // schedule.every + 1
@@ -178,20 +177,16 @@ def _part_of_step(model, before, part):
 
 def _to_end(model, before, after, step, tolerance):
     """The part of a step after which `ended` is zero, and the state there."""
-    lower, upper, part, last_side, end = 0.0, step, step, 0, after
-    above, below = model("ended", state=before), model("ended", state=after)
-    if above <= 0.0:
+    part, end = step, after
+    bracket = (0.0, step, model("ended", state=before), model("ended", state=after), 0.0)
+    if bracket[2] <= 0.0:
         return 0.0, _part_of_step(model, before, 0.0)
     for _ in range(END_ITERATIONS):
+        lower, upper, above, below, _ = bracket
         part = (lower * below - upper * above) / (below - above)
         end = _part_of_step(model, before, part)
         excess = model("ended", state=end)
         if abs(excess) <= tolerance:
             break
-        if excess > 0.0:
-            below = 0.5 * below if last_side > 0 else below
-            lower, above, last_side = part, excess, 1
-        else:
-            above = 0.5 * above if last_side < 0 else above
-            upper, below, last_side = part, excess, -1
+        bracket = narrowed(bracket, part, excess)
     return part, end

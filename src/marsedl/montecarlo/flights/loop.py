@@ -20,6 +20,20 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
         _fly_group(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
+def narrowed(bracket, part, excess):
+    """The bracket (lower, upper, both excesses, the side kept last) of a zero, with one end moved to a part of a step.
+
+    Regula falsi, where an end that is kept twice counts half (Illinois, Dowell and Jarratt 1971).
+    """
+    lower, upper, above, below, last_side = bracket
+    if excess > 0.0:
+        return part, upper, excess, 0.5 * below if last_side > 0.0 else below, 1.0
+    return lower, part, 0.5 * above if last_side < 0.0 else above, excess, -1.0
+
+
+_narrowed = inline_called_njit(narrowed)
+
+
 @inline_called_njit
 def _fill(array, value):
     for row in range(array.shape[0]):
@@ -58,8 +72,8 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         function.__qualname__ += f"_{key}"
         return called_njit(function)
 
-    integrator, noise_class, end_tolerance, watch_steps = model.options
-    kinds = {**model.parts, "vehicle": vehicle_class, "noise": noise_class}
+    end_tolerance, watch_steps = model.options["end_tolerance"], model.options["watch_steps"]
+    kinds = {**model.parts, "vehicle": vehicle_class, "noise": model.options["noise"]}
 
     @inline_called_njit
     def absent(*unused):
@@ -99,7 +113,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         known[0] = False  # what was looked up at the start of a step serves its first stage
         rates(half_index, now, state, found, command, vehicle, noise, p, out)
 
-    advance = integrator(drift)
+    advance = model.options["integrator"](drift)
 
     @named_njit
     def step_lane(part, lane, before, parameters, noise, state, slope, end):
@@ -120,32 +134,23 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
 
     @named_njit
     def to_end(lane, before, parameters, noise, state, slope, end, excess):
-        """Fly the part of a step after which `ended` is zero; returns it. `end` holds the end of the whole step before.
-
-        Regula falsi between both ends of the step, where an end that is kept twice counts half (Illinois, Dowell and
-        Jarratt 1971).
-        """
+        """Fly the part of a step after which `ended` is zero, and return it; `end` was the end of the whole step."""
         step, vehicle, p = parameters[2], parameters[5], parameters[7]
         ended_one(lane, before, vehicle, p, excess)
-        lower, upper, above = 0.0, step, excess[0, lane]
+        part, above = step, excess[0, lane]
         ended_one(lane, end, vehicle, p, excess)
-        part, last_side, below = upper, 0, excess[0, lane]
+        bracket = (0.0, step, above, excess[0, lane], 0.0)
         if above <= 0.0:  # it began behind its end
             step_lane(0.0, lane, before, parameters, noise, state, slope, end)
             return 0.0
         for _ in range(END_ITERATIONS):
+            lower, upper, above, below, _ = bracket
             part = (lower * below - upper * above) / (below - above)
             step_lane(part, lane, before, parameters, noise, state, slope, end)
             ended_one(lane, end, vehicle, p, excess)
-            value = excess[0, lane]
-            if abs(value) <= end_tolerance:
+            if abs(excess[0, lane]) <= end_tolerance:
                 break
-            if value > 0.0:
-                below = 0.5 * below if last_side > 0 else below
-                lower, above, last_side = part, value, 1
-            else:
-                above = 0.5 * above if last_side < 0 else above
-                upper, below, last_side = part, value, -1
+            bracket = _narrowed(bracket, part, excess[0, lane])
         return part
 
     @named_njit
@@ -258,12 +263,13 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 steer(told, command, chosen, in_phase, steered)
                 for lane in range(LANES):
                     guided[0, lane] = 1.0 if chosen[0, lane] > 0.0 else guided[0, lane]
-            scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
             if watches and (watch_steps or guides_now):
                 ending, asked = 1.0 if over else 0.0, flying if watch_steps else chosen
+                scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
                 watch(watched, ending, *scene, asked)
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
+                scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
                 store(*scene, stored)
                 observe(*scene, seen)
                 _give(stored[:rows_stored], history[stored_row], first)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked, digest, named_kernel, returned
+from marsedl.montecarlo.flights.binding import OFFERED, PARTS, Nothing, asked, digest, named_kernel, returned
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
@@ -97,21 +97,9 @@ class Flight:
             ValueError: for a function that asks for what it is not offered, or is not annotated with what it returns.
 
         """
+        given = locals()
+        self.functions = {role: given[role] for role in OFFERED if role != "guide"}
         self.guides = tuple(guide) if isinstance(guide, tuple | list) else (guide,) if guide else ()
-        self.functions = {
-            "rates": rates,
-            "look_up": look_up,
-            "sense": sense,
-            "consult": consult,
-            "phase": phase,
-            "interrupts": interrupts,
-            "ended": ended,
-            "vary": vary,
-            "store": store,
-            "observe": observe,
-            "watch": watch,
-            "finish": finish,
-        }
         kinds = {role: returned(function, role) for role, function in self.functions.items() if function}
         guided = [returned(function, "guide") for function in self.guides]
         for role, function in (*self.functions.items(), *(("guide", function) for function in self.guides)):
@@ -143,10 +131,12 @@ class Flight:
         command, memory = guided[0] if guided else (Nothing, Nothing)
         self.parts = {name: self.classes.get(role, Nothing) for role, (name, *_) in PARTS.items()}
         self.parts |= {"command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing}
-        self.options = (
-            *(integrator, noise, float(end_tolerance)),
-            bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
-        )
+        self.options = {
+            "integrator": integrator,
+            "noise": noise,
+            "end_tolerance": float(end_tolerance),
+            "watch_steps": bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
+        }
         self._kernels = {}
 
     def fly(
@@ -277,7 +267,7 @@ class Flight:
         """
         from marsedl.montecarlo.flights.in_python import fly
 
-        given = inspect.signature(self.fly).bind(p, schedule, start, **options)
+        given = inspect.signature(Flight.fly).bind(self, p, schedule, start, **options)
         given.apply_defaults()
         return fly(self, trial, SimpleNamespace(**given.arguments))
 
@@ -286,7 +276,7 @@ class Flight:
             from marsedl.montecarlo.flights import loop
 
             module = self.functions["rates"].__module__ or "__main__"
-            parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
+            parts = (*self.functions.values(), *self.guides, self.options, loop.group_flight, loop.fly_groups, shapes)
             key = digest(*parts)
             self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
         return self._kernels[shapes]
