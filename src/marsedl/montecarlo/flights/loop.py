@@ -51,11 +51,10 @@ def _take(array, table, first):
 
 @inline_called_njit
 def _give(array, table, first):
-    """Write them back, row by row: what is written to many rows at once waits for memory."""
+    """Write them back."""
     for row in range(array.shape[0]):
-        # Unsigned: an index that may be negative makes scattered stores.
         for lane in range(LANES):
-            table[row, np.uint64(first) + np.uint64(lane)] = array[row, lane]
+            table[row, first + lane] = array[row, lane]
 
 
 def group_flight(model, key, p_shape, law_shape, vehicle_class):
@@ -272,8 +271,14 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
                 store(*scene, stored)
                 observe(*scene, seen)
-                _give(stored[:rows_stored], history[stored_row], first)
-                _give(seen, observed[stored_row], first)
+                # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
+                # negative makes scattered stores.
+                for row in range(rows_stored):
+                    for lane in range(LANES):
+                        history[stored_row, row, np.uint64(first) + np.uint64(lane)] = stored[row, lane]
+                for row in range(OBSERVED):
+                    for lane in range(LANES):
+                        observed[stored_row, row, np.uint64(first) + np.uint64(lane)] = seen[row, lane]
                 _fill(guided, 0.0)
             if over:
                 break
