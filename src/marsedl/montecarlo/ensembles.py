@@ -67,15 +67,10 @@ class Trajectories:
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
 
 
-def _group_count(trials):
-    """Number of groups of LANES trials that hold `trials` trials."""
-    return -(-trials // LANES)
-
-
 def pad_to_groups(array):
     """Repeat the last trial up to a whole number of groups: (..., trials) -> (..., groups * LANES)."""
     array = np.asarray(array, dtype=float)
-    missing = _group_count(array.shape[-1]) * LANES - array.shape[-1]
+    missing = -array.shape[-1] % LANES
     return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
 
 
