@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from measuring import run
 
-from marsedl.montecarlo.ensembles import Trajectories, output_count, pad_to_groups
+from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import PAPER, flight, montecarlo, segments
 
@@ -65,7 +65,7 @@ def fly_numpy(schedules, plant, every, states, draw):
 
 def fly_c(library, schedules, plant, initial_states, draws, *, steps_per_output):
     """`flight.fly` in C, without outcomes."""
-    counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
+    counts = [s.steps // n + 1 for s, n in zip(schedules, steps_per_output, strict=True)]
     states = pad_to_groups(initial_states.T)
     trials, output, increment = states.shape[1], 0, 0
     history, observed = (np.empty((sum(counts), rows, trials)) for rows in (len(states), 2))

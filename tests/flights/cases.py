@@ -175,7 +175,7 @@ def entry(
     **options,
 ):
     """A flight; options: `stored`, and inputs in place of those of the reading."""
-    stored = options.pop("stored", entry_flight.EVERY_PERIOD)
+    stored = options.pop("stored", {})
     end_time = end_time or (400.0 if trigger == "velocity" else 240.3)
 
     def prepare(trials, first):
@@ -192,7 +192,7 @@ def entry(
             substeps=substeps,
             seed=ENTRY_SEED,
             first_trial=first,
-            stored=stored,
+            **stored,
         )
 
     return prepare
@@ -226,15 +226,15 @@ for name in ("apollo_velocity", "stochastic_time"):
     CASES[f"{slug}/alignment_limits_reversed"] = Case(
         entry(**options, heading_alignment_limits=(0.6, 0.8), heading_alignment_limit_velocity=1000.0)
     )
-    CASES[f"{slug}/stored_1"] = Case(entry(**options, stored=entry_flight.Stored(1)))
-    CASES[f"{slug}/stored_2"] = Case(entry(**options, stored=entry_flight.Stored(2)))
-    CASES[f"{slug}/place"] = Case(entry(**options, stored=entry_flight.Stored(place=True)))
-    CASES[f"{slug}/place_stored_1"] = Case(entry(**options, stored=entry_flight.Stored(1, place=True)))
+    CASES[f"{slug}/stored_1"] = Case(entry(**options, stored={"every": 1}))
+    CASES[f"{slug}/stored_2"] = Case(entry(**options, stored={"every": 2}))
+    CASES[f"{slug}/place"] = Case(entry(**options, stored={"place": True}))
+    CASES[f"{slug}/place_stored_1"] = Case(entry(**options, stored={"every": 1, "place": True}))
     CASES[f"{slug}/substeps_20"] = Case(entry(**options, substeps=20), 65)
     CASES[f"{slug}/substeps_1"] = Case(entry(**options, substeps=1))
     CASES[f"{slug}/ends_within"] = Case(entry(**options, law_fields={"ends_within": True}), SOME)
     CASES[f"{slug}/ends_within_stored_1"] = Case(
-        entry(**options, law_fields={"ends_within": True}, stored=entry_flight.Stored(1))
+        entry(**options, law_fields={"ends_within": True}, stored={"every": 1})
     )
     CASES[f"{slug}/ends_within_printed_rate_limit"] = Case(
         entry(**options, law_fields={"ends_within": True}, rate_limit_form="printed")
@@ -433,9 +433,9 @@ def capture_plant(reading, changes):
 @cache
 def capture_reference(partition):
     """States at the nodes of a partition, flown with zero control through the mean density."""
-    law = np.array(partition), np.zeros(len(partition) - 1)
+    law = field_flight.open_loop(partition, np.zeros(len(partition) - 1))
     _, states = field_flight.propagate_nominal(*capture_plant("corrected", ()), law, AEROCAPTURE, time_step=FIELD_STEP)
-    return rounded(states[np.round(law[0] / FIELD_STEP).astype(int)], 7)
+    return rounded(states[np.round(law.start / FIELD_STEP).astype(int)], 7)
 
 
 def field_law(kind, start, reference, scales):

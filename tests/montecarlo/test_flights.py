@@ -343,6 +343,8 @@ def test_bad_models_are_refused_by_name():
         Flight(unannotated)
     with pytest.raises(ValueError, match=r"returns a float.*return a bool"):
         Flight(falls, ended=ended, integrator=euler_maruyama)
+    with pytest.raises(ValueError, match="noise is 1; give a NamedTuple class"):
+        Flight(falls, noise=1)
 
 
 @pytest.mark.parametrize(

@@ -418,12 +418,6 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(bad):
         )
 
 
-def test_references_and_steps_that_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match="reference must be finite"):
-        fly(ENTRY, reference=REFERENCE._replace(bank_acceleration=np.full(100, np.nan)))
-    with pytest.raises(ValueError, match=r"every \(3\) must divide the 100 intervals"):
-        fly(ENTRY, every=3)
-    with pytest.raises(ValueError, match="substeps must be a whole number from 1 on"):
-        fly(ENTRY, substeps=2.5)
+def test_a_start_that_is_not_finite_is_refused():
     with pytest.raises(ValueError, match=r"start\.bank of trial 1 is nan"):
         fly([ENTRY, np.where(np.arange(8) == components.BANK, np.nan, ENTRY)])

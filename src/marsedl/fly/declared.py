@@ -1,7 +1,6 @@
 """What a user declares of flights: dispersions, planet and air, each with its checks; and quantities by name."""
 
-import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.models.density_table import physical_table, read_density_table
+from marsedl.words import remedy
 
 __all__ = ["MARS", "Exponential", "Markov", "MultivariateNormal", "Normal", "Planet", "Table", "Uniform"]
 
@@ -16,13 +16,6 @@ _SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
 
 
 # ---- quantities by name ----------------------------------------------------------------------------------------------
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the remedy for an unknown name: the nearest known one, and all of them."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, 1)
-    return f"{f'did you mean {near[0]!r}? ' if near else ''}There are: {', '.join(known)}"
 
 
 def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]:
@@ -49,7 +42,7 @@ def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]
                     f"{suffix}; write {' or '.join([repr(base), *map(repr, fitting)])}"
                 )
             return base, factor
-    raise ValueError(f"{what} {name!r} is unknown; {nearest(name, units)}")
+    raise ValueError(f"{what} {name!r} is unknown; {remedy(name, units)}")
 
 
 # ---- dispersions -----------------------------------------------------------------------------------------------------

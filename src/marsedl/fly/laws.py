@@ -9,8 +9,9 @@ from typing import NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from marsedl.compiling import jitable
-from marsedl.fly.declared import nearest, resolve
+from marsedl.fly.declared import resolve
 from marsedl.fly.vehicles import parts_of
+from marsedl.words import described, remedy
 
 __all__ = ["Above", "Below", "GainTable"]
 
@@ -57,7 +58,7 @@ class GainTable:
             source = {column: cells[column] for column in cells.dtype.names}
         columns = {str(key): np.asarray(source[key], float) for key in source}
         if against not in columns:
-            raise ValueError(f"{name}: column {against!r} is missing; {nearest(against, columns)}")
+            raise ValueError(f"{name}: column {against!r} is missing; {remedy(against, columns)}")
         for column, values in columns.items():
             if values.shape != columns[against].shape or values.size < 2 or not np.isfinite(values).all():
                 raise ValueError(
@@ -73,14 +74,14 @@ class GainTable:
     def commanded(self, told, commands):
         """Columns that hold the commands, or their cosines. Raises ValueError for columns that fit neither."""
         if self.against != "time" and self.against not in told:
-            raise ValueError(f"{self.name}: the law is not told {self.against!r}; {nearest(self.against, told)}")
+            raise ValueError(f"{self.name}: the law is not told {self.against!r}; {remedy(self.against, told)}")
         cosines = [name for name in commands if f"{name}_cosine" in self.columns]
         columns = [f"{name}_cosine" if name in cosines else name for name in commands]
         gains = {f"{column}_per_{quantity}": quantity for column in columns for quantity in told}
         for column in self.columns:
             if column not in (*columns, *told, *gains):
                 raise ValueError(
-                    f"{self.name}: column {column!r} is unknown; {nearest(column, (*columns, *told, *gains))}"
+                    f"{self.name}: column {column!r} is unknown; {remedy(column, (*columns, *told, *gains))}"
                 )
         needed = [*columns, *(quantity for gain, quantity in gains.items() if gain in self.columns)]
         if missing := [column for column in needed if column not in self.columns]:
@@ -139,15 +140,17 @@ def bind(law, flight, nominal) -> Bound:
     parameters = given.get("law", asked["law"].default if "law" in asked else ())
     if parameters is inspect.Parameter.empty:
         raise ValueError(
-            f"{_where(function)} asks for 'law', its parameters: give them as partial({function.__name__}, law=...) or "
-            f"as the argument's default"
+            f"{described(function)} asks for 'law', its parameters: give them as partial({function.__name__}, law=...) "
+            f"or as the argument's default"
         )
     kinds = get_args(get_type_hints(function).get("return"))
     remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
     offered = ("time", "law", "vehicle", "sensed", *told._fields)
     for name in () if remembers else asked:
         if name not in offered:
-            raise ValueError(f"{_where(function)} asks for {name!r}, of which it is not told; {nearest(name, offered)}")
+            raise ValueError(
+                f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}"
+            )
     _try_once(function, asked, kinds if remembers else (command,), told, nominal, parameters)
     return Bound(("guide", function) if remembers else ("simple", function, tuple(asked)), parameters)
 
@@ -173,7 +176,7 @@ def _try_once(function, asked, kinds, told, nominal, parameters):
         isinstance(number, int | float | np.number) for part in parts for number in part
     ):
         wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
-        raise ValueError(f"{_where(function)} returned {result!r}; it must return {wanted}")
+        raise ValueError(f"{described(function)} returned {result!r}; it must return {wanted}")
 
 
 def told_by(flight):
@@ -186,13 +189,9 @@ def _command_of(flight):
     command = get_type_hints(rates).get("command")
     if not hasattr(command, "_fields"):
         raise ValueError(
-            f"{_where(rates)} takes no command: let it ask for 'command', annotated with the NamedTuple of a law"
+            f"{described(rates)} takes no command: let it ask for 'command', annotated with the NamedTuple of a law"
         )
     return command
-
-
-def _where(function):
-    return f"{function.__name__} ({function.__code__.co_filename}, line {function.__code__.co_firstlineno})"
 
 
 def _made(text, returns, like=None, **names):

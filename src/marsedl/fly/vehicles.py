@@ -100,9 +100,7 @@ def parts_of(flight) -> dict[str, Any]:
     """Arguments that bind a `Flight` again; what the engine stores by default, the state, is left to it."""
     functions = {role: flight.functions[role] for role in flight.classes}
     parts = {role: made for role, made in functions.items() if made.__name__ != "the_state"}
-    names = ("integrator", "noise", "end_tolerance", "watch_steps")
-    options = dict(zip(names, flight.options, strict=True))
-    return {**parts, "guide": flight.guides or None, **options}
+    return {**parts, "guide": flight.guides or None, **flight.options}
 
 
 def _bound_again(parts, *others):

@@ -8,7 +8,7 @@ makes of a block.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 
@@ -21,13 +21,6 @@ from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.summaries import summary
 
 BLOCK_SIZE = 1000
-
-
-def output_count(steps, steps_per_output):
-    """Number of outputs of a segment: steps / steps_per_output + 1. Raises ValueError unless the division is exact."""
-    if steps < 1 or steps_per_output < 1 or steps % steps_per_output:
-        raise ValueError(f"steps_per_output ({steps_per_output}) must divide the number of steps ({steps})")
-    return steps // steps_per_output + 1
 
 
 # ---- trajectories of a block -----------------------------------------------------------------------------------------
@@ -56,7 +49,7 @@ class Trajectories:
     @property
     def after_end(self):
         """(times, trials) bool: the trial has ended before the output."""
-        return _after_end(self.length, len(self.history))
+        return np.arange(len(self.history))[:, np.newaxis] >= self.length
 
     @property
     def finite(self):
@@ -74,97 +67,17 @@ class Trajectories:
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
 
 
-def _group_count(trials):
-    """Number of groups of LANES trials that hold `trials` trials."""
-    return -(-trials // LANES)
-
-
 def pad_to_groups(array):
     """Repeat the last trial up to a whole number of groups: (..., trials) -> (..., groups * LANES)."""
     array = np.asarray(array, dtype=float)
-    missing = _group_count(array.shape[-1]) * LANES - array.shape[-1]
+    missing = -array.shape[-1] % LANES
     return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
 
 
 SimulateBlock = Callable[[int, int], Trajectories]
 
 
-def replay(simulate_block: SimulateBlock, trial):
-    """Trial `trial` alone, bitwise as in the ensemble. Returns `Trajectories` of one trial."""
-    return simulate_block(trial, trial + 1)
-
-
 # ---- reduction of blocks and chunks ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """What is stored of any number of trials, beside their moments.
-
-    Moments, histogram and maximum at a time are those of the trials still flying, which have not ended before it. A
-    non-finite trial (code NON_FINITE) is left out of them at all times, and counted; it stays in the per-trial arrays
-    and among the kept histories as it is. All other outcomes are included.
-
-    histogram: (times, n_counted, bins + 2), int64, of the first n_counted observed quantities; its first and last
-    entries count what lies outside the edges. histogram_edges: (n_counted, bins + 1).
-    maximum_over_trials: (times, n_observed), NaN when no finite trial is flying.
-    final_state: (trials, n_final). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
-    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), of the first trials; NaN beyond the end of
-    the trial.
-    """
-
-    histogram: np.ndarray
-    histogram_edges: np.ndarray
-    maximum_over_trials: np.ndarray
-    final_state: np.ndarray
-    observed_maximum: np.ndarray
-    outcome: np.ndarray
-    kept_history: np.ndarray
-    kept_observed: np.ndarray
-
-    __repr__ = summary
-
-
-@dataclass(frozen=True, eq=False)
-class Chunk(Reduced):
-    """Trials first_trial .. first_trial + trials - 1, a whole number of blocks, with the moments of every block.
-
-    first_trial: int. block_size: int.
-    block_counts: (blocks, times), int64, trials in the block's moments. block_excluded: (blocks,), int64, its
-    non-finite trials.
-    block_mean: (blocks, times, n). block_second_moment: (blocks, times, n, n), sums of products about the block's mean.
-    block_observed_mean: (blocks, times, n_observed).
-    """
-
-    first_trial: int
-    block_size: int
-    block_counts: np.ndarray
-    block_excluded: np.ndarray
-    block_mean: np.ndarray
-    block_second_moment: np.ndarray
-    block_observed_mean: np.ndarray
-
-    __repr__ = summary
-
-
-@dataclass(frozen=True, eq=False)
-class Ensemble(Reduced):
-    """All trials 0 .. trials - 1, with their moments.
-
-    count, excluded: trials inside the moments at the start and outside of them at all times, together all trials.
-    flying: (times,), int64, trials in the moments at each time. mean: (times, n). covariance: (times, n, n), divided by
-    flying - 1. observed_mean: (times, n_observed). The moments are NaN only where no trial (of a covariance: fewer than
-    two) is flying; a caller who wants more for an estimate masks by `flying`.
-    """
-
-    count: int
-    excluded: int
-    flying: np.ndarray
-    mean: np.ndarray
-    covariance: np.ndarray
-    observed_mean: np.ndarray
-
-    __repr__ = summary
 
 
 @njit(error_model="numpy", cache=True)
@@ -189,11 +102,6 @@ def _count_in_bins(values, edges, counts):
                     while value >= grid[guess + 1]:
                         guess += 1
                     counts[time, quantity, guess + 1] += 1
-
-
-def _after_end(length, times):
-    """(times, trials) bool: the trial has ended before the output."""
-    return np.arange(times)[:, np.newaxis] >= length
 
 
 def _finite_trials(block):
@@ -254,14 +162,29 @@ def run_blocks(
     counted; uniform ones are fastest. Without them everything of no interest is in one bin [0, 1). kept: trials
     0 .. kept - 1 of the ensemble keep their full histories, in whatever chunks they are.
 
-    Returns a `Chunk`. Raises ValueError for bounds off the blocks, wrong edges, a block with another number of trials,
-    or a trial without outputs or with more than there are.
+    Returns a chunk, arrays by name, which `merge` joins to others:
+
+    - first_trial and block_size, int; histogram_edges;
+    - of every block: block_counts (blocks, times), trials in its moments; block_excluded (blocks,), its non-finite
+      trials; block_mean (blocks, times, n); block_second_moment (blocks, times, n, n), sums of products about that
+      mean; block_observed_mean (blocks, times, n_observed);
+    - histogram (times, n_counted, bins + 2), whose first and last entries count what lies outside the edges;
+      maximum_over_trials (times, n_observed), NaN when no finite trial is flying;
+    - of every trial: final_state (trials, n_final), observed_maximum (trials, n_observed), outcome (trials,), int8;
+      of the kept ones: kept_history (kept, times, n), kept_observed (kept, times, n_observed), NaN beyond their end.
+
+    Moments, histogram and maximum at a time are those of the trials still flying, which have not ended before it. A
+    non-finite trial (code NON_FINITE) is left out of them at all times, and counted; it stays in the per-trial arrays
+    and among the kept histories as it is. All other outcomes are included.
+
+    Raises ValueError for bounds off the blocks, wrong edges, a block with another number of trials, or a trial without
+    outputs or with more than there are.
     """
     if first_trial < 0 or first_trial % block_size:
         raise ValueError(f"first_trial ({first_trial}) must be a multiple of block_size ({block_size})")
     if last_trial <= first_trial:
         raise ValueError(f"last_trial ({last_trial}) must exceed first_trial ({first_trial})")
-    blocks, final_state, observed_maximum, outcomes, kept_history, kept_observed = [], [], [], [], [], []
+    blocks, trials_of_blocks = [], []
     histogram = edges = maximum_over_trials = None
     for first in range(first_trial, last_trial, block_size):
         last = min(first + block_size, last_trial)
@@ -289,36 +212,39 @@ def run_blocks(
                 largest = maximum_over_trials[outputs]
                 np.fmax(largest, observed.max(axis=-1), out=largest)
                 _count_in_bins(observed, edges, histogram[outputs])
-        excluded, outcome = last - first - np.count_nonzero(finite), np.where(finite, block.outcome, NON_FINITE)
-        blocks.append((counts, excluded, mean, second_moment, observed_mean))
-
-        outcomes.append(outcome.astype(np.int8))
-        final_state.append(block.final_state.T.copy())
-        observed_maximum.append(block.observed_maximum.T.copy())
+        blocks.append(
+            {
+                "block_counts": counts,
+                "block_excluded": last - first - np.count_nonzero(finite),
+                "block_mean": mean,
+                "block_second_moment": second_moment,
+                "block_observed_mean": observed_mean,
+            }
+        )
         keep = max(0, min(kept, last) - first)
-        after_end = _after_end(block.length[:keep], times).T
-        for kept_arrays, array in ((kept_history, block.history), (kept_observed, block.observed)):
-            kept_arrays.append(np.moveaxis(array[..., :keep], -1, 0).copy())
-            kept_arrays[-1][after_end] = np.nan
-
-    counts, excluded, means, second_moments, observed_means = zip(*blocks, strict=True)
-    return Chunk(
-        first_trial=first_trial,
-        block_size=block_size,
-        block_counts=np.stack(counts),
-        block_excluded=np.array(excluded, np.int64),
-        block_mean=np.stack(means),
-        block_second_moment=np.stack(second_moments),
-        block_observed_mean=np.stack(observed_means),
-        histogram=histogram,
-        histogram_edges=edges,
-        maximum_over_trials=maximum_over_trials,
-        final_state=np.concatenate(final_state),
-        observed_maximum=np.concatenate(observed_maximum),
-        outcome=np.concatenate(outcomes),
-        kept_history=np.concatenate(kept_history),
-        kept_observed=np.concatenate(kept_observed),
-    )
+        after_end = block.after_end[:, :keep].T[..., np.newaxis]
+        kept_history, kept_observed = (
+            np.where(after_end, np.nan, np.moveaxis(array[..., :keep], -1, 0))
+            for array in (block.history, block.observed)
+        )
+        trials_of_blocks.append(
+            {
+                "final_state": block.final_state.T.copy(),
+                "observed_maximum": block.observed_maximum.T.copy(),
+                "outcome": np.where(finite, block.outcome, NON_FINITE).astype(np.int8),
+                "kept_history": kept_history,
+                "kept_observed": kept_observed,
+            }
+        )
+    return {
+        "first_trial": first_trial,
+        "block_size": block_size,
+        **{name: np.stack([block[name] for block in blocks]) for name in blocks[0]},
+        "histogram": histogram,
+        "histogram_edges": edges,
+        "maximum_over_trials": maximum_over_trials,
+        **{name: np.concatenate([trials[name] for trials in trials_of_blocks]) for name in trials_of_blocks[0]},
+    }
 
 
 def reduce_blocks(simulate_block: SimulateBlock, first_trial, last_trial, reduce, join, *, block_size=BLOCK_SIZE):
@@ -349,56 +275,51 @@ def chunk_bounds(trials, chunks, block_size=BLOCK_SIZE):
     return list(zip(starts, [*starts[1:], trials], strict=True))
 
 
-def merge(chunks: Sequence[Chunk]):
+def merge(chunks: Sequence[Mapping]):
     """Join all chunks of an ensemble, given in any order, in the order of their blocks.
 
-    Returns an `Ensemble`. Raises ValueError when trials are missing or doubled, or when chunks do not match.
+    Returns the ensemble, arrays by name: histogram, maxima and what is kept of every trial as in a chunk, see
+    `run_blocks`, and
+
+    - count and excluded, int: trials inside the moments at the start and outside of them at all times, together all;
+    - flying (times,), int64: trials in the moments at each time;
+    - mean (times, n); covariance (times, n, n), divided by flying - 1; observed_mean (times, n_observed): NaN only
+      where no trial (of a covariance: fewer than two) is flying; who wants more for an estimate masks by `flying`.
+
+    Raises ValueError when trials are missing or doubled, or when chunks do not match.
     """
-    chunks = sorted(chunks, key=lambda chunk: chunk.first_trial)
+    chunks = sorted(chunks, key=lambda chunk: chunk["first_trial"])
     if not chunks:
         raise ValueError("no chunks to merge")
     expected = 0
     for chunk in chunks:
-        if chunk.first_trial != expected:
-            raise ValueError(f"chunk starts at trial {chunk.first_trial}, expected {expected}")
-        if chunk.block_size != chunks[0].block_size or expected % chunk.block_size:
-            raise ValueError(f"chunk at trial {chunk.first_trial} has another block size or follows a short block")
-        if not np.array_equal(chunk.histogram_edges, chunks[0].histogram_edges):
-            raise ValueError(f"chunk at trial {chunk.first_trial} has other histogram edges")
-        expected += int(chunk.block_counts[:, 0].sum() + chunk.block_excluded.sum())
-
-    total = tuple(
-        np.zeros_like(getattr(chunks[0], name)[0]) for name in ("block_counts", "block_mean", "block_second_moment")
-    )
-    for chunk in chunks:
-        for block in zip(chunk.block_counts, chunk.block_mean, chunk.block_second_moment, strict=True):
-            total = merge_moments(total, block)
-    flying, mean, second_moment = total
-    counts, observed_means = (
-        np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("block_counts", "block_observed_mean")
-    )
-    observed_sum = (counts[:, :, np.newaxis] * observed_means).sum(axis=0)
-    observed_mean = observed_sum / np.maximum(flying[:, np.newaxis], 1)
-    excluded = int(sum(chunk.block_excluded.sum() for chunk in chunks))
-    at_time = flying[:, np.newaxis]
-    covariance = second_moment / np.maximum(at_time - 1, 1)[:, np.newaxis]
+        if chunk["first_trial"] != expected:
+            raise ValueError(f"chunk starts at trial {chunk['first_trial']}, expected {expected}")
+        if chunk["block_size"] != chunks[0]["block_size"] or expected % chunk["block_size"]:
+            raise ValueError(f"chunk at trial {expected} has another block size or follows a short block")
+        if not np.array_equal(chunk["histogram_edges"], chunks[0]["histogram_edges"]):
+            raise ValueError(f"chunk at trial {expected} has other histogram edges")
+        expected += len(chunk["outcome"])
 
     def joined(name):
-        return np.concatenate([getattr(chunk, name) for chunk in chunks])
+        return np.concatenate([chunk[name] for chunk in chunks])
 
-    return Ensemble(
-        count=int(flying[0]),
-        excluded=excluded,
-        flying=flying,
-        mean=np.where(at_time > 0, mean, np.nan),
-        covariance=np.where(at_time[:, np.newaxis] > 1, covariance, np.nan),
-        observed_mean=np.where(at_time > 0, observed_mean, np.nan),
-        histogram=sum(chunk.histogram for chunk in chunks),
-        histogram_edges=chunks[0].histogram_edges,
-        maximum_over_trials=np.fmax.reduce([chunk.maximum_over_trials for chunk in chunks]),
-        final_state=joined("final_state"),
-        observed_maximum=joined("observed_maximum"),
-        outcome=joined("outcome"),
-        kept_history=joined("kept_history"),
-        kept_observed=joined("kept_observed"),
-    )
+    counts = joined("block_counts")
+    moments = counts, joined("block_mean"), joined("block_second_moment")
+    flying, mean, second_moment = functools.reduce(merge_moments, zip(*moments, strict=True))
+    at_time = flying[:, np.newaxis]
+    observed_sum = (counts[:, :, np.newaxis] * joined("block_observed_mean")).sum(axis=0)
+    covariance = second_moment / np.maximum(at_time - 1, 1)[:, np.newaxis]
+    of_trials = ("final_state", "observed_maximum", "outcome", "kept_history", "kept_observed")
+    return {
+        "count": int(flying[0]),
+        "excluded": int(joined("block_excluded").sum()),
+        "flying": flying,
+        "mean": np.where(at_time > 0, mean, np.nan),
+        "covariance": np.where(at_time[:, np.newaxis] > 1, covariance, np.nan),
+        "observed_mean": np.where(at_time > 0, observed_sum / np.maximum(at_time, 1), np.nan),
+        "histogram": sum(chunk["histogram"] for chunk in chunks),
+        "histogram_edges": chunks[0]["histogram_edges"],
+        "maximum_over_trials": np.fmax.reduce([chunk["maximum_over_trials"] for chunk in chunks]),
+        **{name: joined(name) for name in of_trials},
+    }

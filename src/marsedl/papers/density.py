@@ -53,8 +53,7 @@ class TableExits:
 
         def watched(first, last):
             flights = simulate_block(first, last)
-            altitude = flights.history[:, 0]
-            self.count(np.where(np.arange(len(altitude))[:, np.newaxis] < flights.length, altitude, np.nan))
+            self.count(np.where(flights.after_end, np.nan, flights.history[:, 0]))
             return flights
 
         return watched if len(self.table) else simulate_block

@@ -5,17 +5,17 @@ several laws it gives one for each, and the fields of its artifacts lie along th
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.papers.ensembles import Chunk
 from marsedl.replication.pipeline.catalogue import Flown, Trial
 from marsedl.replication.records.fields import Axis, quantities
 
 
 def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **options) -> dict[str, object]:
-    """Fly the trials of a job. Returns the fields of an `ensembles.Chunk`, without infinities.
+    """Fly the trials of a job. Returns the fields of a chunk, see `papers.ensembles`, without infinities.
 
     simulate_block: the paper's, or one for each law. drawn: first trials that keep their histories. exits: the
     `TableExits` of an air whose density may come from a table, which then says how many flights leave it. options:
@@ -30,31 +30,28 @@ def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **optio
     reduced = [ensembles.run_blocks(simulate, first, last, **options) for simulate in watched]
     if exits:
         exits.say(f"flights {first:,} to {last - 1:,}" + ("" if callable(simulate_block) else ", under all laws"))
-    return _fields(reduced[0] if callable(simulate_block) else reduced)
+    return _stored(reduced, by_law=not callable(simulate_block))
 
 
 def joined(chunks: Sequence) -> dict[str, object]:
-    """Join a case's chunks in the order of their trials. Returns the fields of an `ensembles.Ensemble`."""
-    names = [field.name for field in fields(ensembles.Chunk)]
-
-    def merged(law):
-        return ensembles.merge(
-            [ensembles.Chunk(**{name: getattr(chunk, name)[law] for name in names}) for chunk in chunks]
-        )
-
-    if np.ndim(chunks[0].first_trial):
-        return _fields([merged(law) for law in range(len(chunks[0].first_trial))])
-    return _fields(
-        ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
-    )
+    """Join a case's chunks in the order of their trials. Returns the fields of an ensemble, see `papers.ensembles`."""
+    by_law = np.ndim(chunks[0].first_trial) > 0
+    laws = range(len(chunks[0].first_trial)) if by_law else [...]
+    fields = quantities(Chunk)
+    reduced = [
+        ensembles.merge([{name: np.asarray(getattr(chunk, name))[law] for name in fields} for chunk in chunks])
+        for law in laws
+    ]
+    return _stored(reduced, by_law=by_law)
 
 
-def _fields(reduced):
-    """The fields of a reduction without infinities; of a list of them, one for each law, stacked."""
-    if isinstance(reduced, list):
-        parts = [_fields(part) for part in reduced]
-        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
-    return {field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
+def _stored(reduced, *, by_law):
+    """The fields of reductions, stacked by law or of the only one, with NaN in place of infinities.
+
+    Only non-finite trials have infinite numbers, and artifacts cannot hold them.
+    """
+    parts = [{name: ensembles.without_infinities(value) for name, value in part.items()} for part in reduced]
+    return {name: np.array([part[name] for part in parts]) for name in parts[0]} if by_law else parts[0]
 
 
 def described(

@@ -1,6 +1,6 @@
 """Errors whose message is meant for the user, and helpers for such messages."""
 
-import typing
+from marsedl.words import nearest as nearest
 
 
 class MarsedlError(Exception):
@@ -34,15 +34,6 @@ class SolverError(MarsedlError):
 
 class InfeasibleError(SolverError):
     """A problem that has no solution."""
-
-
-def nearest(name: str, valid: typing.Iterable[str]) -> str:
-    """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
-    import difflib
-
-    valid = sorted(set(valid))
-    matches = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) <= 100 else []
-    return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(valid)}"
 
 
 def shown(value: object) -> str:

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import Reading, Study, load_study
 from marsedl.replication.pipeline.catalogue import FLIGHTS
 from marsedl.replication.pipeline.fingerprints import SOURCE_ROOT
 from marsedl.replication.pipeline.sharing import Shared
 from marsedl.replication.sizes import FULL, build_folder
+from marsedl.words import remedy
 
 COMPARISON = "comparison"  # of the papers: its tables stand beside theirs, and have no readings
 
@@ -101,7 +102,4 @@ def _check(what: str, name: str, names: Iterable[str]) -> None:
 
 def _unknown(what: str, name: str, names: Iterable[str]) -> InputError:
     """The error for a name that does not exist, with the nearest one and all of them."""
-    names = sorted(names)
-    hint = nearest(name, names)
-    more = f" There are: {', '.join(names)}" if hint.startswith("did you mean") else ""
-    return InputError(f"{what} {name!r}; {hint}{more}")
+    return InputError(f"{what} {name!r}; {remedy(name, sorted(names))}")

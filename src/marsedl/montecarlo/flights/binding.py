@@ -1,12 +1,13 @@
 """What functions of a model may ask for and return, and the kernel that is cached for exactly these functions."""
 
-import difflib
 import hashlib
 import inspect
 import types as python_types
 from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
+
+from marsedl.words import described, remedy
 
 _PLACE = ("half_index", "time", "cycle", "state", "found")
 _SCENE = (*_PLACE, "guided", "sensed", "command", "memory", "vehicle", "p")
@@ -57,14 +58,11 @@ class Nothing(NamedTuple):
 
 def asked(function, role):
     """Names of a function's arguments. Raises ValueError unless all are offered to its role."""
-    names, offered = list(inspect.signature(function).parameters), OFFERED[role]
+    names = list(inspect.signature(function).parameters)
     for name in names:
-        if name not in offered:
-            near = difflib.get_close_matches(name, offered, 1)
-            raise ValueError(
-                f"{describe(function)} asks for {name!r}, which {role} is not offered"
-                f"{f'; did you mean {near[0]!r}?' if near else ''} It may ask for: {', '.join(offered)}"
-            )
+        if name not in OFFERED[role]:
+            others = remedy(name, OFFERED[role], "It may ask for")
+            raise ValueError(f"{described(function)} asks for {name!r}, which {role} is not offered; {others}")
     return names
 
 
@@ -86,14 +84,8 @@ def returned(function, role):
             "interrupts": "bool",
             "phase": "int",
         }.get(role, "a named tuple of numbers")
-        raise ValueError(f"annotate what {describe(function)} returns: {example}, where classes are NamedTuples")
+        raise ValueError(f"annotate what {described(function)} returns: {example}, where classes are NamedTuples")
     return kinds
-
-
-def describe(function):
-    """A function's name with its file and line, for messages."""
-    code = getattr(function, "__code__", None)
-    return f"{function.__name__} ({code.co_filename}, line {code.co_firstlineno})" if code else repr(function)
 
 
 def compiled(function, role, kinds, *, masked=False, single=False):

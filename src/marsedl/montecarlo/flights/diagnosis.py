@@ -7,9 +7,10 @@ import numpy as np
 from numba import njit
 from numba.core import errors
 
-from marsedl.montecarlo.flights.binding import OFFERED, WRITTEN, asked, compiled, describe
+from marsedl.montecarlo.flights.binding import OFFERED, WRITTEN, asked, compiled
 from marsedl.montecarlo.flights.columns import dresser, flat, shape_of
 from marsedl.montecarlo.lanes import LANES, lane_array
+from marsedl.words import described
 
 COMPILER_ERRORS = (errors.NumbaError, errors.UnsupportedBytecodeError)
 _LIBRARY = r"\$(?:sin|cos|tan|asin|acos|atan2?|sinh|cosh|tanh|exp|expm1|log|log1p|pow|hypot|fmod)\b"  # called
@@ -45,7 +46,7 @@ def warn_of_scalar_loops(flight, p, law, vehicle_class):
     """Warn of each function whose loop over trials is not vector code, as flights are several times slower then."""
     for function in scalar_loops(flight, p, law, vehicle_class):
         warnings.warn(
-            f"{describe(function)}: the loop over trials did not become vector code, so flights are slower; choose by "
+            f"{described(function)}: the loop over trials did not become vector code, so flights are slower; choose by "
             "`a if condition else b`, and leave loops over tables to look_up or consult",
             stacklevel=3,
         )
@@ -56,7 +57,7 @@ def scalar_loops(flight, p, law, vehicle_class):
 
     A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic.
     """
-    kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options[1]}
+    kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options["noise"]}
     roles = [(role, flight.functions[role]) for role in ("rates", "sense")]
     roles += [("guide", function) for function in flight.guides]
     found = []

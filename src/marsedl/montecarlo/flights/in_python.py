@@ -4,71 +4,55 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import PARTS, asked, describe
-from marsedl.montecarlo.flights.loop import END_ITERATIONS
-from marsedl.montecarlo.flights.model import AIR_STREAM, NOISE_STREAM, check_start, table_of, width_of
+from marsedl.montecarlo.flights.binding import PARTS, asked
+from marsedl.montecarlo.flights.loop import END_ITERATIONS, narrowed
+from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
+from marsedl.words import described
 
 
-def fly(
-    flight,
-    p,
-    schedule,
-    start,
-    *,
-    trial=0,
-    trials=None,
-    vehicle=(),
-    law=(),
-    memory=None,
-    seed=0,
-    first_trial=0,
-    nodes=0,
-    air=None,
-    increments=1,
-    first_increment=0,
-    streams=(NOISE_STREAM, AIR_STREAM),
-    stored=None,
-    past=0,
-):
-    """Fly one trial; arguments as of `Flight.fly_in_python`."""
+def fly(flight, trial, given):
+    """Fly one trial, as `Flight.fly_in_python` says; given: arguments of `Flight.fly` by name."""
+    p, schedule, start, vehicle, air = given.p, given.schedule, given.start, given.vehicle, given.air
+    memory, nodes, first_trial, increments = given.memory, given.nodes, given.first_trial, given.increments
     earlier = start if isinstance(start, Trajectories) else None
     start = earlier.final_state if earlier else start
-    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, trials)
+    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, given.trials)
     if not first_trial <= trial:
         raise ValueError(f"trial {trial} comes before the first one, {first_trial}")
     own = trial - first_trial if width > 1 else 0
     if own >= width:
         raise ValueError(f"trial {trial} is not among the {width} from {first_trial} on")
-    parts, integrator, noise_class = flight.parts, flight.options[0], flight.options[1]
-    end_tolerance, watch_steps = flight.options[2:]
+    parts, noise_class, watch_steps = flight.parts, flight.options["noise"], flight.options["watch_steps"]
     first_state = table_of(start, width)[:, own : own + 1]
     if not earlier:
         check_start(first_state, parts["state"], trial)
 
-    model = _Model(flight, p, law)
+    model = _Model(flight, p, given.law)
     now = model.now
     now["state"] = parts["state"](*first_state[:, 0])
     if hasattr(vehicle, "_fields"):
         now["vehicle"] = type(vehicle)(*table_of(vehicle, width)[:, own])
     now["memory"] = parts["memory"](*map(np.float64, parts["memory"]() if memory is None else memory))
     now["command"] = parts["command"](*[np.float64(0.0)] * len(parts["command"]._fields))
-    now["past"] = np.empty(past)
+    now["past"] = np.empty(given.past)
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
     if "vary" in flight.classes and air is None:
-        for node, normal in zip(reversed(range(nodes)), normals(seed, streams[1], [trial], nodes)[0], strict=True):
+        for node, normal in zip(
+            reversed(range(nodes)), normals(given.seed, given.streams[1], [trial], nodes)[0], strict=True
+        ):
             now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
-    draws = normals(seed, streams[0], [trial], (first_increment + total * increments) * size)[0]
-    draws = draws[first_increment * size :].reshape(total, increments, size)
+    draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
+    draws = draws[given.first_increment * size :].reshape(total, increments, size)
 
     ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
     watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))
     times = len(schedule.times)
-    history = np.full((times, len(parts["stored"]._fields) if stored is None else stored, 1), np.nan)
+    history = np.full((times, len(parts["stored"]._fields) if given.stored is None else given.stored, 1), np.nan)
     observed = np.full((times, len(parts["observed"]._fields), 1), np.nan)
     bounds, flown, end_time, length = np.append(0, np.cumsum(schedule.steps)), 0, None, times
     now["guided"] = np.float64(0.0)
@@ -103,9 +87,9 @@ def fly(
         for increment in draws[flown]:
             white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
         now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
-        before, now["state"] = now["state"], _advanced(model, integrator, step)
+        before, now["state"] = now["state"], _advanced(model, flight.options["integrator"], step)
         if ends and finds_root and model("ended") <= 0.0:
-            part, now["state"] = _to_end(model, before, now["state"], step, end_tolerance)
+            part, now["state"] = _to_end(model, before, now["state"], step, flight.options["end_tolerance"])
             end_time, length = time + part, flown // schedule.every + 1
         elif ends and not finds_root and model("ended"):
             end_time, length = time + step, flown // schedule.every + 1
@@ -137,7 +121,7 @@ class _Model:
             wanted = self.parts[kind]
             if len(values) != len(wanted._fields):
                 raise ValueError(
-                    f"{describe(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
+                    f"{described(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
                     f"{len(wanted._fields)}"
                 )
         return result
@@ -193,20 +177,16 @@ def _part_of_step(model, before, part):
 
 def _to_end(model, before, after, step, tolerance):
     """The part of a step after which `ended` is zero, and the state there."""
-    lower, upper, part, last_side, end = 0.0, step, step, 0, after
-    above, below = model("ended", state=before), model("ended", state=after)
-    if above <= 0.0:
+    part, end = step, after
+    bracket = (0.0, step, model("ended", state=before), model("ended", state=after), 0.0)
+    if bracket[2] <= 0.0:
         return 0.0, _part_of_step(model, before, 0.0)
     for _ in range(END_ITERATIONS):
+        lower, upper, above, below, _ = bracket
         part = (lower * below - upper * above) / (below - above)
         end = _part_of_step(model, before, part)
         excess = model("ended", state=end)
         if abs(excess) <= tolerance:
             break
-        if excess > 0.0:
-            below = 0.5 * below if last_side > 0 else below
-            lower, above, last_side = part, excess, 1
-        else:
-            above = 0.5 * above if last_side < 0 else above
-            upper, below, last_side = part, excess, -1
+        bracket = narrowed(bracket, part, excess)
     return part, end

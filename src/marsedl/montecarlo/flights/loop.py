@@ -20,6 +20,43 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
         _fly_group(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
+def narrowed(bracket, part, excess):
+    """The bracket (lower, upper, both excesses, the side kept last) of a zero, with one end moved to a part of a step.
+
+    Regula falsi, where an end that is kept twice counts half (Illinois, Dowell and Jarratt 1971).
+    """
+    lower, upper, above, below, last_side = bracket
+    if excess > 0.0:
+        return part, upper, excess, 0.5 * below if last_side > 0.0 else below, 1.0
+    return lower, part, 0.5 * above if last_side < 0.0 else above, excess, -1.0
+
+
+_narrowed = inline_called_njit(narrowed)
+
+
+@inline_called_njit
+def _fill(array, value):
+    for row in range(array.shape[0]):
+        for lane in range(LANES):
+            array[row, lane] = value
+
+
+@inline_called_njit
+def _take(array, table, first):
+    """A group's columns of a table of all trials, from `first` on."""
+    for row in range(array.shape[0]):
+        for lane in range(LANES):
+            array[row, lane] = table[row, first + lane]
+
+
+@inline_called_njit
+def _give(array, table, first):
+    """Write them back."""
+    for row in range(array.shape[0]):
+        for lane in range(LANES):
+            table[row, first + lane] = array[row, lane]
+
+
 def group_flight(model, key, p_shape, law_shape, vehicle_class):
     """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters, law and vehicle being of these shapes.
 
@@ -34,8 +71,8 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         function.__qualname__ += f"_{key}"
         return called_njit(function)
 
-    integrator, noise_class, end_tolerance, watch_steps = model.options
-    kinds = {**model.parts, "vehicle": vehicle_class, "noise": noise_class}
+    end_tolerance, watch_steps = model.options["end_tolerance"], model.options["watch_steps"]
+    kinds = {**model.parts, "vehicle": vehicle_class, "noise": model.options["noise"]}
 
     @inline_called_njit
     def absent(*unused):
@@ -75,7 +112,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         known[0] = False  # what was looked up at the start of a step serves its first stage
         rates(half_index, now, state, found, command, vehicle, noise, p, out)
 
-    advance = integrator(drift)
+    advance = model.options["integrator"](drift)
 
     @named_njit
     def step_lane(part, lane, before, parameters, noise, state, slope, end):
@@ -96,32 +133,23 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
 
     @named_njit
     def to_end(lane, before, parameters, noise, state, slope, end, excess):
-        """Fly the part of a step after which `ended` is zero; returns it. `end` holds the end of the whole step before.
-
-        Regula falsi between both ends of the step, where an end that is kept twice counts half (Illinois, Dowell and
-        Jarratt 1971).
-        """
+        """Fly the part of a step after which `ended` is zero, and return it; `end` was the end of the whole step."""
         step, vehicle, p = parameters[2], parameters[5], parameters[7]
         ended_one(lane, before, vehicle, p, excess)
-        lower, upper, above = 0.0, step, excess[0, lane]
+        part, above = step, excess[0, lane]
         ended_one(lane, end, vehicle, p, excess)
-        part, last_side, below = upper, 0, excess[0, lane]
+        bracket = (0.0, step, above, excess[0, lane], 0.0)
         if above <= 0.0:  # it began behind its end
             step_lane(0.0, lane, before, parameters, noise, state, slope, end)
             return 0.0
         for _ in range(END_ITERATIONS):
+            lower, upper, above, below, _ = bracket
             part = (lower * below - upper * above) / (below - above)
             step_lane(part, lane, before, parameters, noise, state, slope, end)
             ended_one(lane, end, vehicle, p, excess)
-            value = excess[0, lane]
-            if abs(value) <= end_tolerance:
+            if abs(excess[0, lane]) <= end_tolerance:
                 break
-            if value > 0.0:
-                below = 0.5 * below if last_side > 0 else below
-                lower, above, last_side = part, value, 1
-            else:
-                above = 0.5 * above if last_side < 0 else above
-                upper, below, last_side = part, value, -1
+            bracket = _narrowed(bracket, part, excess[0, lane])
         return part
 
     @named_njit
@@ -129,9 +157,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         """The trials' own air, node by node from the last down, one normal a node."""
         bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
         normal_numbers, drawn, value = lane_array(NORMALS_PER_BLOCK), lane_array(DRAWN), lane_array(1)
-        for row in range(DRAWN):
-            for lane in range(LANES):
-                drawn[row, lane] = 0.0
+        _fill(drawn, 0.0)
         top = table.shape[0] - 1
         for number in range(top + 1):
             position, node = number % NORMALS_PER_BLOCK, top - number
@@ -153,20 +179,14 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         guide, later = guides[number], steering(number + 1)
 
         @inline_called_njit
-        def steer(
-            place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, steered
-        ):
-            half_index, time, cycle, share = place
+        def steer(told, command, chosen, in_phase, steered):
             needed = 0
             for lane in range(LANES):
                 steered[0, lane] = chosen[0, lane] * (in_phase[0, lane] == number if phases > 1 else 1.0)
                 needed += steered[0, lane] > 0.0
             if needed > 0:
-                told = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
                 guide(*told, command, steered)
-            later(
-                place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, steered
-            )
+            later(told, command, chosen, in_phase, steered)
 
         return steer
 
@@ -190,26 +210,21 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         steered, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
-        for row in range(DRAWN):
-            for lane in range(LANES):
-                drawn[row, lane] = 0.0  # stays, if air is given
+        _fill(drawn, 0.0)  # stays, if air is given
         if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
-        for node in range(given_air.shape[0]):
+        if given_air.shape[0] > 0:
+            _take(air, given_air, first)
+        _take(state, starts, first)
+        _take(vehicle, vehicles, first)
+        _take(watched, stored_watched, first)
+        _fill(command, 0.0)
+        _fill(flying, 1.0)
+        _fill(guided, 0.0)
+        _fill(in_phase, 0.0)
+        for row in range(MEMORY):
             for lane in range(LANES):
-                air[node, lane] = given_air[node, first + lane]
-        for lane in range(LANES):
-            for row in range(STATES):
-                state[row, lane] = starts[row, first + lane]
-            for row in range(VEHICLE):
-                vehicle[row, lane] = vehicles[row, first + lane]
-            for row in range(WATCHED):
-                watched[row, lane] = stored_watched[row, first + lane]
-            for row in range(MEMORY):
                 memory[row, lane] = memories[row]
-            for row in range(COMMANDS):
-                command[row, lane] = 0.0
-            flying[0, lane], guided[0, lane], in_phase[0, lane] = 1.0, 0.0, 0.0
 
         # Not literals: what is called with them would be compiled for the literal, and once more for any integer.
         cycle, substep, flown, remaining = np.int64(0), np.int64(0), np.int64(0), np.int64(LANES)
@@ -242,23 +257,9 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 consult(cycle, time, sensed, memory, vehicle, law, p, advice)
                 if phases > 1:
                     phase(cycle, time, sensed, memory, vehicle, law, p, in_phase)
-                place = (half_index, time, cycle, substep / cycle_steps[cycle])
-                steer(
-                    place,
-                    state,
-                    found,
-                    sensed,
-                    advice,
-                    memory,
-                    past,
-                    vehicle,
-                    law,
-                    p,
-                    command,
-                    chosen,
-                    in_phase,
-                    steered,
-                )
+                share = substep / cycle_steps[cycle]
+                told = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
+                steer(told, command, chosen, in_phase, steered)
                 for lane in range(LANES):
                     guided[0, lane] = 1.0 if chosen[0, lane] > 0.0 else guided[0, lane]
             if watches and (watch_steps or guides_now):
@@ -267,8 +268,9 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 watch(watched, ending, *scene, asked)
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                store(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, stored)
-                observe(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, seen)
+                scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
+                store(*scene, stored)
+                observe(*scene, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
                 # negative makes scattered stores.
                 for row in range(rows_stored):
@@ -277,16 +279,13 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 for row in range(OBSERVED):
                     for lane in range(LANES):
                         observed[stored_row, row, np.uint64(first) + np.uint64(lane)] = seen[row, lane]
-                for lane in range(LANES):
-                    guided[0, lane] = 0.0
+                _fill(guided, 0.0)
             if over:
                 break
 
             if NOISES > 0:
                 scale = np.sqrt(step / increments) / step
-                for component in range(NOISES):
-                    for lane in range(LANES):
-                        noise[component, lane] = 0.0
+                _fill(noise, 0.0)
                 for _ in range(increments):
                     for component in range(NOISES):
                         block = number // NORMALS_PER_BLOCK
@@ -334,11 +333,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         for lane in range(LANES):
             end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
         finish(end_time, state, found, sensed, command, memory, vehicle, drawn, watched, p, final)
-        for row in range(FINAL):
-            for lane in range(LANES):
-                stored_final[row, first + lane] = final[row, lane]
-        for row in range(WATCHED):
-            for lane in range(LANES):
-                stored_watched[row, first + lane] = watched[row, lane]
+        _give(final, stored_final, first)
+        _give(watched, stored_watched, first)
 
     return fly_group

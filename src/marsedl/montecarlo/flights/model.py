@@ -1,14 +1,17 @@
 """A model of a flight, bound once, and the flights of it."""
 
+import inspect
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked, describe, digest, named_kernel, returned
+from marsedl.montecarlo.flights.binding import OFFERED, PARTS, Nothing, asked, digest, named_kernel, returned
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
+from marsedl.words import described
 
 NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
 
@@ -94,21 +97,9 @@ class Flight:
             ValueError: for a function that asks for what it is not offered, or is not annotated with what it returns.
 
         """
+        given = locals()
+        self.functions = {role: given[role] for role in OFFERED if role != "guide"}
         self.guides = tuple(guide) if isinstance(guide, tuple | list) else (guide,) if guide else ()
-        self.functions = {
-            "rates": rates,
-            "look_up": look_up,
-            "sense": sense,
-            "consult": consult,
-            "phase": phase,
-            "interrupts": interrupts,
-            "ended": ended,
-            "vary": vary,
-            "store": store,
-            "observe": observe,
-            "watch": watch,
-            "finish": finish,
-        }
         kinds = {role: returned(function, role) for role, function in self.functions.items() if function}
         guided = [returned(function, "guide") for function in self.guides]
         for role, function in (*self.functions.items(), *(("guide", function) for function in self.guides)):
@@ -122,9 +113,11 @@ class Flight:
             raise ValueError(f"all functions guide must return the same two classes, got {guided}")
         if interrupts and not guide:
             raise ValueError("interrupts is asked whether guidance is due within a period; this flight has no guide")
+        if not hasattr(noise, "_fields"):
+            raise ValueError(f"noise is {noise!r}; give a NamedTuple class with a field for each of its components")
         if self.classes.get("ended") is float and integrator is not runge_kutta_4:
             raise ValueError(
-                f"{describe(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
+                f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
                 f"integrator return a bool, which ends a flight at the end of a step"
             )
 
@@ -138,10 +131,12 @@ class Flight:
         command, memory = guided[0] if guided else (Nothing, Nothing)
         self.parts = {name: self.classes.get(role, Nothing) for role, (name, *_) in PARTS.items()}
         self.parts |= {"command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing}
-        self.options = (
-            *(integrator, noise, float(end_tolerance)),
-            bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
-        )
+        self.options = {
+            "integrator": integrator,
+            "noise": noise,
+            "end_tolerance": float(end_tolerance),
+            "watch_steps": bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
+        }
         self._kernels = {}
 
     def fly(
@@ -267,19 +262,21 @@ class Flight:
     def fly_in_python(self, p, schedule, start, *, trial=0, **options):
         """Fly one trial by the functions as they are written: errors name their lines, `print` and debuggers work.
 
-        Arguments are those of `fly`, where `start`, `vehicle` and `air` may hold all trials or this one alone. Returns
-        `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
+        Arguments are those of `fly` but `into`; `start`, `vehicle` and `air` may hold all trials or this one alone.
+        Returns `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
         """
         from marsedl.montecarlo.flights.in_python import fly
 
-        return fly(self, p, schedule, start, trial=trial, **options)
+        given = inspect.signature(Flight.fly).bind(self, p, schedule, start, **options)
+        given.apply_defaults()
+        return fly(self, trial, SimpleNamespace(**given.arguments))
 
     def _kernel(self, *shapes):
         if shapes not in self._kernels:
             from marsedl.montecarlo.flights import loop
 
             module = self.functions["rates"].__module__ or "__main__"
-            parts = (*self.functions.values(), *self.guides, *self.options, loop.group_flight, loop.fly_groups, shapes)
+            parts = (*self.functions.values(), *self.guides, self.options, loop.group_flight, loop.fly_groups, shapes)
             key = digest(*parts)
             self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
         return self._kernels[shapes]

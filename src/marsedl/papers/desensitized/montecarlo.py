@@ -1,7 +1,5 @@
 """Monte Carlo flights with random position errors at entry, under every law; the paper flies single errors only."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -20,40 +18,31 @@ BINS = 40
 OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are not a multiple
 
 
-class Flights(NamedTuple):
-    """What is flown, how finely, and with which random numbers."""
-
-    planet: Planet
-    vehicle: Vehicle
-    simulation: Simulation
-    ensemble: Ensemble
-
-
 @stage()
 def simulate(
     planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, flown: Flown
 ) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
-    flights = Flights(planet, vehicle, simulation, ensemble)
     bound = vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
-    simulators = [block_simulator(flights, gains, number) for number in range(len(gains.law))]
+    simulators = [
+        block_simulator(planet, vehicle, simulation, ensemble, flown_law(gains, number))
+        for number in range(len(gains.law))
+    ]
     return FlightChunk(
         **flown_chunk(simulators, flown, drawn=ensemble.drawn_trials, exits=TableExits(planet), histogram_edges=edges)
     )
 
 
-def block_simulator(flights: Flights, gains: Gains, number):
-    """Return the function `simulate_block(first, last)` under a law, by its number; it also replays single trials."""
-    planet, ensemble = flights.planet, flights.ensemble
-    air = environment.surroundings(planet, flights.vehicle)
-    reference, gain = flown_law(gains, number)
+def block_simulator(planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, law):
+    """Return the function `simulate_block(first, last)` under a law, its reference and gain."""
+    air, (reference, gain) = environment.surroundings(planet, vehicle), law
 
     def simulate_block(first, last):
         errors = normals(ensemble.seed, ERROR_STREAM, np.arange(first, last), 3) * ensemble.initial_deviations
         states = environment.displaced(planet, reference.initial_state, errors)
         every = output_step(len(reference.bank_acceleration))
-        return flight.fly(*air, reference, gain, states, substeps=flights.simulation.substeps, every=every)
+        return flight.fly(*air, reference, gain, states, substeps=simulation.substeps, every=every)
 
     return simulate_block
 

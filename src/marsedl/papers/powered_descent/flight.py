@@ -7,7 +7,7 @@ import numpy as np
 
 from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.ensembles import output_count, pad_to_groups
+from marsedl.montecarlo.ensembles import pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing
 from marsedl.montecarlo.flights import Schedule as Periods
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_implicit_euler
@@ -235,7 +235,7 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         below the ground at any step flies on, as the paper's model does, and has the outcome CRASHED.
 
     """
-    counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
+    counts = [s.steps // n + 1 for s, n in zip(schedules, steps_per_output, strict=True)]
     flown = pad_to_groups(initial_states.T)
     history, observed = (np.empty((sum(counts), size, flown.shape[1])) for size in (len(flown), OBSERVED))
     output, increment = 0, 0

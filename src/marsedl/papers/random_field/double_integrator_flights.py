@@ -40,7 +40,7 @@ def compute(
     ).astype(int)
 
     def beyond(reduced):
-        return reduced.histogram[node, :, -1]
+        return reduced["histogram"][node, :, -1]
 
     every, paper = np.array([beyond(both) for both, _ in laws]), np.array([beyond(one) for _, one in laws])
     return DoubleIntegratorFlights(
@@ -52,7 +52,7 @@ def compute(
         paper_any_violations=paper[..., 2],
         paper_trials=first,
         **{
-            name: np.array([getattr(both, name) for both, _ in laws])
+            name: np.array([both[name] for both, _ in laws])
             for name in ("count", "excluded", "mean", "covariance", "kept_history")
         },
     )

@@ -86,7 +86,7 @@ def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation,
         bottom=tables.bottom,
         cells_per_metre=1.0 / tables.spacing,
         field_bottom=tables.altitude[0],
-        nodes_per_metre=1.0 / _uniform_spacing(tables.altitude, "altitude"),
+        nodes_per_metre=_nodes_per_unit(tables.altitude),
         density_floor=air.density_floor,
         variation_mean=tables.mean,
         lower_limit=vehicle.control_limits[0],
@@ -107,81 +107,23 @@ def open_loop(start, control, states=3) -> Law:
     return Law(start, control, np.zeros((len(control), len(start), states)), np.zeros((len(start), states)))
 
 
-def _interval_steps(law, every, time_step):
-    """Integration steps of every interval; ValueError unless they are whole and `every` divides them."""
-    start = np.asarray(law.start, dtype=float)
-    if start.ndim != 1 or len(start) < 2 or not (np.diff(start) > 0.0).all():
-        raise ValueError(f"the partition must have at least 2 increasing nodes, got {start}")
-    if not time_step > 0.0:
-        raise ValueError(f"time_step must be positive, got {time_step}")
-    exact = np.diff(start) / time_step
-    steps = np.round(exact).astype(np.int64)
-    for k, (number, ratio) in enumerate(zip(steps, exact, strict=True)):
-        if number < 1 or abs(ratio - number) > 1e-9 * number:
-            raise ValueError(
-                f"the interval from {start[k]:g} to {start[k + 1]:g} s is no whole number of steps of {time_step:g} s; "
-                f"choose a time_step that divides every interval"
-            )
-        if every != int(every) or every < 1 or number % every:
-            raise ValueError(
-                f"every ({every}) must divide the {number} steps from {start[k]:g} to {start[k + 1]:g} s, so that "
-                f"states are stored at all nodes"
-            )
-    return steps
+def schedule(law, every, time_step) -> Schedule:
+    """The guidance periods of a law, the intervals of its partition; a state is stored every `every` steps from a node.
+
+    Intervals are whole numbers of `every` steps.
+    """
+    steps = np.rint(np.diff(law.start) / time_step).astype(np.int64)
+    return Schedule(law.start, np.full(len(steps), float(time_step)), steps, int(every))
 
 
 def outputs(law, every, time_step):
-    """Times of the stored states, s: every `every` steps from each node of the partition on, and its end.
-
-    Raises ValueError when an interval is no whole number of steps, or `every` does not divide it.
-    """
-    steps = _interval_steps(law, every, time_step)
-    parts = [start + np.arange(0, n, every) * time_step for start, n in zip(law.start[:-1], steps, strict=True)]
-    return np.concatenate([*parts, law.start[-1:]])
+    """Times of the stored states, s: every `every` steps from each node of the partition on, and its end."""
+    return schedule(law, every, time_step).times
 
 
-def _schedule(law, every, time_step):
-    """The guidance periods of a law: the intervals of its partition, which need not be equal."""
-    steps = _interval_steps(law, every, time_step)
-    return Schedule(np.asarray(law.start, dtype=float), np.full(len(steps), float(time_step)), steps, int(every))
-
-
-def _checked_law(law, states):
-    """The law in arrays to compile for, whatever they were; ValueError on shapes."""
-    nodes = len(law.start)
-    checked = Law(*(np.array(part, dtype=float, order="C") for part in law))
-    expected = (nodes - 1,), (nodes - 1, nodes, states), (nodes, states)
-    shapes = checked.control.shape, checked.gain.shape, checked.reference.shape
-    if shapes != expected:
-        raise ValueError(f"control, gain and reference of {nodes} nodes must have shapes {expected}, got {shapes}")
-    return checked
-
-
-def _checked_states(initial_states, states):
-    initial_states = np.asarray(initial_states, dtype=float)
-    if initial_states.ndim != 2 or initial_states.shape[1] != states or not len(initial_states):
-        raise ValueError(f"initial_states must have shape (trials, {states}), got {initial_states.shape}")
-    return initial_states
-
-
-def _uniform_spacing(grid, name):
-    """Spacing of a grid; ValueError unless it ascends uniformly."""
-    grid = np.asarray(grid, dtype=float)
-    steps = np.diff(grid)
-    if grid.ndim != 1 or len(grid) < 2 or not (np.abs(steps - steps.mean()) <= 1e-6 * steps.mean()).all():
-        raise ValueError(f"{name} must be a uniform ascending grid; the look-ups compute the node from the distance")
-    return (grid[-1] - grid[0]) / (len(grid) - 1)
-
-
-def _checked_process(air):
-    """Retention and innovation deviation of the random part as compiled code takes them; ValueError on shapes."""
-    retention, deviation = (np.array(part, dtype=float) for part in (air.retention, air.innovation_deviation))
-    if not retention.shape == deviation.shape == (len(air.altitude) - 1,):
-        raise ValueError(
-            f"retention and innovation_deviation must have one value per node but the top one, shape "
-            f"{(len(air.altitude) - 1,)}, got {retention.shape} and {deviation.shape}"
-        )
-    return retention, deviation
+def _nodes_per_unit(grid):
+    """Of a uniform grid."""
+    return 1.0 / ((grid[-1] - grid[0]) / (len(grid) - 1))
 
 
 # ---- aerocapture: the model of one trial -----------------------------------------------------------------------------
@@ -366,27 +308,23 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     final state is the first three of these and the number of steps at whose start the density was at its floor.
     Outcomes: CRASHED below the ground, where a trial ends and after which nothing is stored (NaN); NON_FINITE.
 
-    Raises ValueError for shapes that do not fit, states that are not finite, grids that are not uniform, an interval
-    that is no whole number of steps, or `every` that does not divide it.
+    Raises ValueError for states that are not finite.
     """
-    schedule = _schedule(law, every, time_step)
-    law, states = _checked_law(law, 3), _checked_states(initial_states, 3)
-    retention, deviation = _checked_process(air)
     tables = Tables(
         uniform_cells(air.log_density, air.log_density_slope, air.spacing),
-        np.append(retention, 0.0),
-        np.append(deviation, float(air.top_deviation)),
+        np.append(air.retention, 0.0),
+        np.append(air.innovation_deviation, air.top_deviation),
     )
-    nodes = len(retention) + 1
+    nodes = len(air.altitude)
     trajectories = AEROCAPTURE.fly(
         Parameters(*settings, *tables),
-        schedule,
-        State(*states.T),
+        schedule(law, every, time_step),
+        State(*np.transpose(initial_states)),
         law=law,
         seed=seed,
         first_trial=first_trial,
         nodes=nodes,
-        air=None if varied else np.full((nodes, len(states)), float(air.mean)),
+        air=None if varied else np.full((nodes, len(initial_states)), air.mean),
         streams=(INITIAL_STREAM, FIELD_STREAM),
         past=3 * len(law.control),
     )
@@ -399,10 +337,9 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
 def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
     """The flight through the mean density: time (k,), s, and states (k, 3), radius, velocity, flight path angle.
 
-    law: `Law`, or its partition and control alone as a pair. initial_state: (3,). Other arguments as of `fly`. A flight
-    that crashes is shorter than `outputs`: it ends with the first step below the ground.
+    initial_state: (3,). Other arguments as of `fly`. A flight that crashes is shorter than `outputs`: it ends with the
+    first step below the ground.
     """
-    law = law if isinstance(law, Law) else open_loop(*law)
     times = outputs(law, every, time_step)
     trajectories = fly(settings, air, law, [initial_state], time_step=time_step, seed=0, varied=False)
     time, states = outputs(law, 1, time_step), trajectories.history[:, : FLIGHT_PATH_ANGLE + 1, 0].copy()
@@ -539,26 +476,18 @@ def fly_double_integrator(
 
     Returns `Trajectories` with the times of `outputs`: stored are position, rate, field at the position and control,
     observed is the control, the final state is position and rate. Outcome: NON_FINITE.
-
-    Raises ValueError as `fly`.
     """
-    schedule = _schedule(law, every, time_step)
-    law, states = _checked_law(law, 2), _checked_states(initial_states, 2)
-    spacing = _uniform_spacing(field_grid, "field_grid")
-    root = np.array(field_root, dtype=float, order="C")
-    if root.ndim != 2 or len(root) != len(field_grid):
-        raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
-    start = pad_to_groups(states.T)
-    fields = np.zeros((len(root), start.shape[1]))
+    start = pad_to_groups(initial_states.T)
+    fields = np.zeros((len(field_root), start.shape[1]))
     if varied:
-        _sample_fields(root, seed, first_trial, fields)
+        _sample_fields(np.ascontiguousarray(field_root), seed, first_trial, fields)
     trajectories = DOUBLE_INTEGRATOR.fly(
-        Force(float(field_grid[0]), 1.0 / spacing, float(mean)),
-        schedule,
+        Force(field_grid[0], _nodes_per_unit(field_grid), mean),
+        schedule(law, every, time_step),
         Point(*start),
         law=law,
         air=fields,
         past=2 * len(law.control),
-    ).first(len(states))
+    ).first(len(initial_states))
     trajectories.outcome[~trajectories.finite] = NON_FINITE
     return trajectories

@@ -460,35 +460,21 @@ def observe(guided, memory) -> Observed:
     return Observed(memory.bank, memory.change if guided > 0.0 else 0.0)
 
 
+@jitable
+def _flown_so_far(sensed, p):
+    """What is stored of a flight over time and of its end."""
+    altitude = sensed.radius - p.planet_radius
+    return altitude, sensed.velocity, sensed.path_angle, sensed.downrange, sensed.density, sensed.crossrange
+
+
 def store(state, sensed, memory, p) -> Row:
     """The history and the place; see `fly`."""
-    return Row(
-        sensed.radius - p.planet_radius,
-        sensed.velocity,
-        sensed.path_angle,
-        sensed.downrange,
-        sensed.density,
-        sensed.crossrange,
-        memory.cosine,
-        state.longitude,
-        state.latitude,
-        state.azimuth,
-    )
+    return Row(*_flown_so_far(sensed, p), memory.cosine, state.longitude, state.latitude, state.azimuth)
 
 
 def finish(time, sensed, memory, drawn, p) -> Final:
     """The end of a flight; see `fly`."""
-    return Final(
-        sensed.radius - p.planet_radius,
-        sensed.velocity,
-        sensed.path_angle,
-        sensed.downrange,
-        sensed.density,
-        sensed.crossrange,
-        time,
-        memory.reversals,
-        drawn.floored,
-    )
+    return Final(*_flown_so_far(sensed, p), time, memory.reversals, drawn.floored)
 
 
 FLIGHT = Flight(
@@ -511,14 +497,10 @@ FLIGHT = Flight(
 # ---- flights ---------------------------------------------------------------------------------------------------------
 
 
-class Stored(NamedTuple):
-    """What of a flight is stored."""
-
-    every: int | None = None  # integration steps from one stored state to the next; None: a guidance period
-    place: bool = False  # whether longitude, latitude and azimuth (rad) are, too, behind the rest of the history
-
-
-EVERY_PERIOD = Stored()
+def schedule(end_time, period, trigger, substeps=1, every=None):
+    """Guidance periods to the fixed end time, which is stored, or to the time limit of the velocity trigger."""
+    fixed = trigger == "time"
+    return periods(end_time, period, substeps, every=every, stores_end=fixed, cut=fixed)
 
 
 def fly(
@@ -532,14 +514,16 @@ def fly(
     substeps,
     seed,
     first_trial=0,
-    stored=EVERY_PERIOD,
+    every=None,
+    place=False,
 ) -> Trajectories:
     """Fly consecutive trials to their end.
 
     settings: see `settings`. atmosphere: `Atmosphere`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time"
     or "velocity". end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration
     steps per guidance period. seed, first_trial: key of the density variations and the number of the first trial.
-    stored: what of the flights is stored.
+    every: integration steps from one stored state to the next, by default a guidance period. place: whether longitude,
+    latitude and azimuth (rad) are stored, too, behind the rest.
 
     Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
     the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
@@ -548,10 +532,6 @@ def fly(
     ESCAPED for a trigger not reached within the time limit, CRASHED below the ground.
     """
     velocity_trigger = trigger == "velocity"
-    every = substeps if stored.every is None else stored.every
-    schedule = periods(
-        end_time, settings.period, substeps, every=every, stores_end=not velocity_trigger, cut=not velocity_trigger
-    )
     rises = np.append(np.diff(atmosphere.log_density), 0.0)
     retention = np.append(exponential.py_func(atmosphere.log_retention), 0.0)
     innovation = np.sqrt(1.0 - retention * retention)
@@ -559,7 +539,7 @@ def fly(
     constants = settings if velocity_trigger else settings._replace(end_velocity=-np.inf)
     flights = FLIGHT.fly(
         Parameters(*constants, *air),
-        schedule,
+        schedule(end_time, settings.period, trigger, substeps, every),
         State(*vehicles.entry_state.T),
         vehicle=Aerodynamics(vehicles.drag_factor, vehicles.lift_factor),
         law=law,
@@ -568,7 +548,7 @@ def fly(
         first_trial=first_trial,
         nodes=len(atmosphere.log_density),
         streams=(0, DENSITY_STREAM),
-        stored=HISTORY + PLACE * stored.place,
+        stored=HISTORY + PLACE * place,
     )
     final = flights.final_state
     if velocity_trigger:
@@ -576,9 +556,3 @@ def fly(
     flights.outcome[final[ALTITUDE] < 0.0] = CRASHED
     flights.outcome[~np.isfinite(final).all(axis=0)] = NON_FINITE
     return flights
-
-
-def outputs(end_time, period, trigger):
-    """Times of the stored states, s."""
-    starts = np.arange(int(np.ceil(end_time / period - 1e-9))) * period
-    return starts if trigger == "velocity" else np.append(starts, end_time)

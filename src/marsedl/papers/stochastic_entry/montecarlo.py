@@ -69,7 +69,7 @@ def simulate(
         histogram_edges=np.array([edges, edges]),
     )
     end = end_of(mission, nominal, flown.case)
-    time = flight.outputs(end.time, guidance.guidance_period, end.trigger)
+    time = flight.schedule(end.time, guidance.guidance_period, end.trigger).times
     return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 

@@ -61,7 +61,8 @@ def compute(
             end_time=end_time,
             substeps=simulation.nominal_substeps,
             seed=0,  # of which still air draws nothing
-            stored=flight.Stored(every, place=True),
+            every=every,
+            place=True,
         )
 
     first = fly("velocity", mission.time_limit, simulation.nominal_substeps)
@@ -119,7 +120,7 @@ def compute(
 
 def fine_times(end_time, guidance: Guidance, simulation: Simulation):
     """Times of all integration steps: equal ones in every guidance period, the last period being shorter."""
-    starts = flight.outputs(end_time, guidance.guidance_period, "time")
+    starts = flight.schedule(end_time, guidance.guidance_period, "time").times
     steps = np.arange(simulation.nominal_substeps) / simulation.nominal_substeps
     return np.append((starts[:-1, np.newaxis] + np.diff(starts)[:, np.newaxis] * steps).ravel(), end_time)
 
