@@ -292,6 +292,13 @@ def test_an_emulator_is_exact_where_the_answer_is_linear():
     assert predicted == pytest.approx(values[:5], abs=1e-3) and error < 1e-3
 
 
+def test_a_headline_whose_number_diverges_somewhere_rules_nothing_out():
+    start = table(space_filling(CHOICES, 16))
+    start.value[3, 0] = 1e161  # its square is infinite
+    wave, _ = Matching(CHOICES, PUBLISHED[:1]).wave(start, 0)
+    assert wave.volume == 1.0 and not wave.contradicting
+
+
 def test_a_fault_of_the_machine_is_no_outcome_of_a_universe():
     assert class_of(InfeasibleError("there is no law", {})).cause == "infeasible"
     assert class_of(ZeroDivisionError("by zero")).cause == "numerical"

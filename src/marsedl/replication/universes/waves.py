@@ -220,6 +220,8 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         wanted: features of the points to predict (m, n).
 
     """
+    unit = 2.0 ** (math.frexp(np.abs(values).max())[1] - 1)  # squares of a number that diverges would be infinite
+    values = values / unit
     mean, scale = values.mean(), values.std() or 1.0
     u, s, vt = np.linalg.svd(features, full_matrices=False)
     scaled = (values - mean) / scale
@@ -231,7 +233,7 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         left_out = float(np.sqrt(np.mean(((scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)) ** 2)))
         if left_out < best[0]:
             best = left_out, vt.T @ ((s / (s * s + ridge)) * (u.T @ scaled))
-    return mean + scale * (wanted @ best[1]), scale * best[0]
+    return unit * (mean + scale * (wanted @ best[1])), unit * scale * best[0]
 
 
 def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
