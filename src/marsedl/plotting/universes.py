@@ -24,7 +24,7 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     """
     judged, table = judge.judged(claim), judge.table
     place = judge.component_place(claim)
-    values = table.value[:, place] if place is not None else np.full(len(table.number), np.nan)
+    values = table.value[:, place]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
     verdicts = np.array(VERDICTS)[table.verdict[order, judge.claim_place(claim)]]
     shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
@@ -54,7 +54,7 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     if order and 0.0 < 20.0 * typical < np.abs(values[order]).max():
         axes[0].set_yscale("symlog", linthresh=typical)
     axes[0].set_title(title or in_words(claim))
-    axes[0].set_ylabel(str(table.component[place]) if place is not None else "")
+    axes[0].set_ylabel(str(table.component[place]))
     if axes[0].get_legend_handles_labels()[0]:
         axes[0].legend(loc="best")
     _dots(axes[1], judge, rows, order)

@@ -30,14 +30,12 @@ from marsedl.replication.universes.designs import (
 )
 from marsedl.replication.universes.table import (
     VERDICTS,
-    Evaluator,
     Universes,
     components_of,
     decoded,
     gathered,
     half_digit,
     selected,
-    tabulated,
 )
 
 CANDIDATES = 8192
@@ -51,16 +49,12 @@ RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with th
 class Wave:
     """What one wave ruled out.
 
-    `volume` is the share of the candidates that is left, `computed` the universes that the emulators rest on, `nearest`
-    the least implausibility that a computed universe has, and `its` the number of that universe. `shares` are those of
-    the values of each choice among what is left (a range in four equal parts); `contradicting` are the fewest headlines
-    that no candidate fulfils together, if none is left.
+    `volume` is the share of the candidates that is left. `shares` are those of the values of each choice among what is
+    left (a range in four equal parts); `contradicting` are the fewest headlines that no candidate fulfils together, if
+    none is left.
     """
 
     volume: float
-    computed: int
-    nearest: float
-    its: int
     shares: dict[str, list[float]]
     contradicting: tuple[str, ...]
 
@@ -125,73 +119,43 @@ class Matching:
             mean, error = emulated(features[use], missing[use], wanted)
             spread = np.hypot(error, np.median(deviation[use]))
             distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
-        worst = np.max(list(distances.values()), axis=0) if distances else np.zeros(CANDIDATES)
+        worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
-        own = self.implausibility(table)
-        best = int(np.nanargmin(own)) if np.isfinite(own).any() else -1
-        wave = Wave(
-            volume=len(left) / CANDIDATES,
-            computed=len(table.number),
-            nearest=float(own[best]) if best >= 0 else math.nan,
-            its=int(table.number[best]) if best >= 0 else -1,
-            shares={one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)},
-            contradicting=() if len(left) else self._contradicting(distances),
-        )
-        return wave, left
-
-    def next_universes(self, left: np.ndarray, count: int, first: int, wave: int) -> list[Universe]:
-        """Return the universes of a wave at the first of the points that are left, numbered from `first`."""
-        return [
-            Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=wave)
-            for k, point in enumerate(left[:count])
-        ]
+        shares = {one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)}
+        return Wave(len(left) / CANDIDATES, shares, () if len(left) else self._contradicting(distances)), left
 
     def waves(self, table: Universes) -> list[Wave]:
         """Return what each wave ruled out by which universes of a table were computed."""
         table = selected(table, table.seed == 0)
         return [self.wave(selected(table, table.wave <= k), k)[0] for k in range(1 + int(table.wave.max()))]
 
-    def run(
-        self, table: Universes, compute: Callable[[list[Universe]], Universes], join, count: int, most: int
-    ) -> tuple[list[Wave], Universes]:
-        """Return the waves, and the table with their universes.
+    def extended(self, table: Universes, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
+        """Return a table with the universes of waves, and the best of all again with other random numbers.
 
         Args:
             table: universes that fill the space.
             compute: computes universes.
-            join: joins tables.
             count: universes of a wave.
-            most: waves at most.
 
         """
-        waves: list[Wave] = []
-        while True:
-            wave, left = self.wave(selected(table, table.seed == 0), len(waves))
-            waves.append(wave)
-            nothing_new = len(waves) > 1 and wave.volume > 0.9 * waves[-2].volume
-            if len(waves) > most or nothing_new or not len(left):
-                return waves, table
-            first = FIRST_OF_WAVES + count * (len(waves) - 1)
-            table = join([table, compute(self.next_universes(left, count, first, len(waves)))])
-
-    def extended(self, table: Universes, evaluator: Evaluator, count: int) -> Universes:
-        """Return a table with the universes of waves, and the best of all again with other random numbers.
-
-        count: universes of a wave.
-        """
-
-        def compute(universes: list[Universe]) -> Universes:
-            title = f"{evaluator.paper.slug}, wave {universes[0].wave}"
-            return tabulated(evaluator, universes, title)
-
-        _, table = self.run(table, compute, gathered, count, MOST)
-        own = self.implausibility(table)
+        before = math.inf
+        for number in range(1, MOST + 1):
+            wave, left = self.wave(selected(table, table.seed == 0), number - 1)
+            if not len(left) or wave.volume > 0.9 * before:
+                break
+            before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
+            universes = [
+                Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=number)
+                for k, point in enumerate(left[:count])
+            ]
+            table = gathered([table, compute(universes)])
+        own = np.where(table.seed == 0, self.implausibility(table), np.nan)
         if not np.isfinite(own).any():
             return table
-        at = int(np.nanargmin(np.where(table.seed == 0, own, np.nan)))
+        at = int(np.nanargmin(own))
         assignment = decoded(self.choices, table.assignment[at])
         again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
-        return table if again.number in table.number else gathered([table, tabulated(evaluator, [again])])
+        return table if again.number in table.number else gathered([table, compute([again])])
 
     def _points(self, table: Universes) -> np.ndarray:
         """Universes as points of the unit cube (universe, varied)."""
@@ -201,13 +165,10 @@ class Matching:
     def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
         """The fewest headlines, one or two, that no candidate fulfils together; else all."""
         allowed = {label: distance < SIGMAS for label, distance in distances.items()}
-        for label, one in allowed.items():
-            if not one.any():
-                return (label,)
-        for first, one in allowed.items():
-            for second, other in allowed.items():
-                if first < second and not (one & other).any():
-                    return first, second
+        pairs = (pair for pair in itertools.product(allowed, repeat=2) if pair[0] < pair[1])
+        for those in (*itertools.product(allowed), *pairs):
+            if not np.all([allowed[label] for label in those], axis=0).any():
+                return those
         return tuple(allowed)
 
 
