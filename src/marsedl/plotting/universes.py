@@ -8,7 +8,6 @@ from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_fig
 from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge
-from marsedl.replication.universes.table import VERDICTS
 from marsedl.replication.universes.waves import Matching, Wave
 
 COLOURS = {"reproduced or holds": BLUE, "undetermined": GREY, "differs or fails": VERMILION}
@@ -26,7 +25,7 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     place = judge.component_place(claim)
     values = table.value[:, place]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
-    verdicts = np.array(VERDICTS)[table.verdict[order, judge.claim_place(claim)]]
+    verdicts = judge.verdicts[order, judge.claim_place(claim)]
     shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(

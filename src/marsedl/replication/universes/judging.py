@@ -149,6 +149,9 @@ class Judge:
         self.published = {one.id: one for one in published}
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self._claims = {str(name): at for at, name in enumerate(table.claim)}
+        self.verdicts = np.array(VERDICTS)[table.verdict]  # (universe, claim), as the next two
+        self.stands = np.isin(self.verdicts, TRUE)
+        self.decided = self.stands | np.isin(self.verdicts, REFUTED_VERDICTS)
         corrected = np.array(coded(choices, Universe(0, ONE_AT_A_TIME, {})), dtype=float)
         same = (table.assignment == corrected) | (np.isnan(table.assignment) & np.isnan(corrected))
         self._moved = ~same  # which choices of a universe are not as in `corrected` (universe, choice)
@@ -160,11 +163,8 @@ class Judge:
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at, place = self.claim_place(claim), self.component_place(claim)
-        filled = self._in(SPACE_FILLING)
-        verdicts = np.array(VERDICTS)[self.table.verdict[:, at]]
+        filled, stands, decided = self._in(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
         with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
-        stands = np.isin(verdicts, TRUE)
-        decided = stands | np.isin(verdicts, REFUTED_VERDICTS)
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
         indices = self.indices(self.table.value[:, place], filled, at, pairs=pairs)
@@ -173,14 +173,14 @@ class Judge:
         overall = self._stands(stands[every & decided])
         return Judged(
             str(self.table.component[place]),
-            verdicts[self.base],
+            self.verdict(claim),
             *self._numbers[:, self.base, place].tolist(),
             overall,
             self._depends_on(stands, effects, (*indices, *of_verdict)) if overall == DEPENDS else (),
             effects,
             share_of(stands, filled),
             share_of(stands, with_result),
-            share_of(verdicts == "undetermined", with_result),
+            share_of(self.verdicts[:, at] == "undetermined", with_result),
             self._nearest(claim, every),
             indices,
             self._noise(place, filled),
@@ -216,7 +216,7 @@ class Judge:
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
-        return VERDICTS[self.table.verdict[self.base, self._claims[claim]]]
+        return str(self.verdicts[self.base, self.claim_place(claim)])
 
     def is_statement(self, claim: str) -> bool:
         """Whether a claim is a statement; others are numbers."""
@@ -266,8 +266,7 @@ class Judge:
         """Return what each value of each choice changes by itself, the largest change first."""
         place, at, found = self.component_place(claim), self.claim_place(claim), []
         for universe, choice, value in self._alone:
-            verdict = VERDICTS[self.table.verdict[universe, at]]
-            cause = CAUSES[self.table.cause[universe, at]]
+            verdict, cause = str(self.verdicts[universe, at]), CAUSES[self.table.cause[universe, at]]
             numbers = self._change(claim, place, universe)
             found.append(Effect(choice, value, int(self.table.number[universe]), verdict, cause, *numbers))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
