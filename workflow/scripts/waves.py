@@ -12,7 +12,7 @@ with guarded(snakemake) as job:
     paper, size, project = job.paper, job.made["size"], Path(snakemake.params.project).resolve()
     evaluator = Evaluator(catalogue(paper), input_model(paper), project, size, job.made["own"])
     table = store.load(snakemake.input.table, Universes, paper=paper)
-    matching = Matching(evaluator.study.choices, list(evaluator.published.values()))
+    matching = Matching(evaluator.study.choices, evaluator.published.values())
     table = matching.extended(
         table,
         lambda universes: tabulated(evaluator, universes, f"{paper}, wave {universes[0].wave}"),

@@ -45,7 +45,7 @@ class Joint(NamedTuple):
 
 def joint(judge: Judge) -> Joint:
     """Return what the universes of a table say of all headlines together."""
-    matching = Matching(judge.choices, list(judge.published.values()))
+    matching = Matching(judge.choices, judge.published.values())
     decided = judge.table.claim[judge.table.verdict.any(axis=0)]  # code 0 is "none"
     names = [one.id for one in matching.headlines if one.id in decided]
     places = [judge.claim_place(name) for name in names]

@@ -157,19 +157,20 @@ class Judge:
         self._moved = ~same  # which choices of a universe are not as in `corrected` (universe, choice)
         self.base = int(np.flatnonzero((table.design == DESIGNS.index(ONE_AT_A_TIME)) & same.all(axis=1))[0])
 
-    def _in(self, design: str) -> np.ndarray:
+    def among(self, design: str) -> np.ndarray:
+        """Return which universes are of a design, those apart that are computed again with other random numbers."""
         return (self.table.design == DESIGNS.index(design)) & (self.table.seed == 0)
 
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at, place = self.claim_place(claim), self.component_place(claim)
-        filled, stands, decided = self._in(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
+        filled, stands, decided = self.among(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
         with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
         indices = self.indices(self.table.value[:, place], filled, at, pairs=pairs)
         of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at, pairs=pairs)
-        every = filled | self._in(ONE_AT_A_TIME)
+        every = filled | self.among(ONE_AT_A_TIME)
         overall = self._stands(stands[every & decided])
         return Judged(
             str(self.table.component[place]),
@@ -254,7 +255,7 @@ class Judge:
     def _alone(self) -> list[tuple[int, str, Value]]:
         """The universes that vary one choice by itself, with it and its value there."""
         found, choices = [], list(self.choices)
-        for universe in np.flatnonzero(self._in(ONE_AT_A_TIME)):
+        for universe in np.flatnonzero(self.among(ONE_AT_A_TIME)):
             moved = [choices[k] for k in np.flatnonzero(self._moved[universe])]
             main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
             if len(main) == 1:

@@ -8,7 +8,7 @@ import contextlib
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,7 +79,7 @@ class Outcome:
 
     cause: str
     verdict: str = "none"
-    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] | None = None  # value, error and limit by component
+    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] = field(default_factory=dict)  # value, error, limit
     sentence: str = ""
     trials: int = 0
 
@@ -288,8 +288,7 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     numbers = np.full((3, len(rows), len(components)), np.nan)
     for at, row in enumerate(rows):
         for place, (name, _, index) in enumerate(components):
-            if (found := row.outcomes[name].numbers) and index in found:
-                numbers[:, at, place] = found[index]
+            numbers[:, at, place] = row.outcomes[name].numbers.get(index, np.nan)
     numbers[~np.isfinite(numbers)] = np.nan
 
     def of_claims(read: Callable[[Outcome], int], kind: type) -> np.ndarray:

@@ -8,7 +8,7 @@ left, until nothing more is ruled out.
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,7 @@ class Wave:
 class Matching:
     """History matching of a paper's headlines."""
 
-    def __init__(self, choices: Choices, published: Sequence[PublishedClaim]):
+    def __init__(self, choices: Choices, published: Iterable[PublishedClaim]):
         """Take the choices, of which misprints are not varied, and what the paper prints."""
         self.choices = choices
         self.varied = varied(choices)
@@ -74,23 +74,20 @@ class Matching:
         It is an array (2, universe) by component: what is missing, 0 if it is true, beyond half a printed digit; NaN
         without a result.
         """
-        found = {}
-        for claim in self.headlines:
-            places = np.flatnonzero(table.claim == claim.id)
-            if not len(places):
-                continue
-            verdicts = np.array(VERDICTS)[table.verdict[:, places[0]]]
+        found, claims, components = {}, table.claim.tolist(), table.component.tolist()
+        for claim in (one for one in self.headlines if one.id in claims):
+            place = claims.index(claim.id)
+            verdicts = np.array(VERDICTS)[table.verdict[:, place]]
             for label, index in components_of(claim):
-                at = int(np.flatnonzero(table.component == label)[0])
+                at = components.index(label)
                 distance = table.value[:, at] - table.limit[:, at]
-                half = half_digit(claim, index)
                 deviation = np.nan_to_num(table.error[:, at])
                 if claim.kind == "qualitative":  # positive where the statement fails
                     distance = np.where(np.isin(verdicts, REFUTED_VERDICTS), 1.0, -1.0) * np.abs(distance)
                     distance = np.where(verdicts == "none", np.nan, distance)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
-                    deviation = deviation * np.sqrt(1.0 + table.trials[:, places[0]] / claim.trials)
-                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
+                    deviation = deviation * np.sqrt(1.0 + table.trials[:, place] / claim.trials)
+                found[label] = np.array([distance, np.hypot(deviation, half_digit(claim, index) / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
 
     def implausibility(self, table: Universes) -> np.ndarray:
