@@ -384,7 +384,7 @@ def _evaluator(slug: str):
     from marsedl.replication.universes.table import Evaluator
 
     pin_numerics(project_root())
-    return Evaluator.of(_catalogue(slug), input_model(slug), project_root())
+    return Evaluator(_catalogue(slug), input_model(slug), project_root())
 
 
 def _verify(options) -> int:

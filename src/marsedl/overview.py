@@ -161,13 +161,12 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
     table = [
         (
             row.component,
-            row.verdict_before if row.verdict_before == row.verdict_after
-            else f"{row.verdict_before} -> {row.verdict_after}",
+            f"{row.verdict_before} -> {row.verdict_after}" if row.turned else row.verdict_before,
             f"{row.before:.6g} -> {row.after:.6g}",
             f"moves by {row.size:.3g} times what noise and rounding explain" if row.size == row.size else row.sentence,
         )
         for row in rows
-    ]  # fmt: skip
+    ]
     yield columns(table, 0, wrap=False)
 
 

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 @cache
 def evaluator(slug):
-    return Evaluator.of(catalogue(slug), input_model(slug), Path(__file__).parents[2])
+    return Evaluator(catalogue(slug), input_model(slug), Path(__file__).parents[2])
 
 
 @cache

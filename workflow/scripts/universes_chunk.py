@@ -12,7 +12,7 @@ from marsedl.replication.universes.table import Evaluator, chunk_of
 with guarded(snakemake) as job:
     chunk, chunks = (int(snakemake.wildcards[name]) for name in ("chunk", "chunks"))
     project = Path(snakemake.params.project).resolve()
-    evaluator = Evaluator.of(catalogue(job.paper), input_model(job.paper), project, job.made["size"], job.made["own"])
+    evaluator = Evaluator(catalogue(job.paper), input_model(job.paper), project, job.made["size"], job.made["own"])
     universes = design(evaluator.study.choices, *job.made["designs"])
     table, points = chunk_of(evaluator, universes, chunk, chunks, f"{job.paper}, chunk {chunk + 1} of {chunks}")
     write_evaluations(points, snakemake.output.points)

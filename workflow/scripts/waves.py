@@ -5,14 +5,18 @@ from pathlib import Path
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records import store
-from marsedl.replication.universes.table import Evaluator, Universes, world_of
+from marsedl.replication.universes.table import Evaluator, Universes, tabulated, world_of
 from marsedl.replication.universes.waves import Matching
 
 with guarded(snakemake) as job:
     paper, size, project = job.paper, job.made["size"], Path(snakemake.params.project).resolve()
-    evaluator = Evaluator.of(catalogue(paper), input_model(paper), project, size, job.made["own"])
+    evaluator = Evaluator(catalogue(paper), input_model(paper), project, size, job.made["own"])
     table = store.load(snakemake.input.table, Universes, paper=paper)
-    matching = Matching(evaluator.study.choices, list(evaluator.published.values()))
-    table = matching.extended(table, evaluator, evaluator.study.universes.wave)
+    matching = Matching(evaluator.study.choices, evaluator.published.values())
+    table = matching.extended(
+        table,
+        lambda universes: tabulated(evaluator, universes, f"{paper}, wave {universes[0].wave}"),
+        evaluator.study.universes.wave,
+    )
     provenance = {"size": size, "world": world_of(job.made)}
     store.save(snakemake.output[0], table, paper=paper, reading="universes", provenance=provenance)

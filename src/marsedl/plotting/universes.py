@@ -8,7 +8,6 @@ from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_fig
 from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge
-from marsedl.replication.universes.table import VERDICTS
 from marsedl.replication.universes.waves import Matching, Wave
 
 COLOURS = {"reproduced or holds": BLUE, "undetermined": GREY, "differs or fails": VERMILION}
@@ -17,16 +16,16 @@ SMALL = 8  # points, of the smallest text
 LARGEST_SIZE = 30.0  # of a change in the heat map's colours
 
 
-def specification_curve(judge: Judge, claim: str, title: str = ""):
+def specification_curve(judge: Judge, claim: str, title: str):
     """Draw the values of a claim over all universes, sorted, with the choices that decide it below.
 
     Every point is a universe, coloured by its verdict; the line is what is printed, or the limit of a statement.
     """
     judged, table = judge.judged(claim), judge.table
     place = judge.component_place(claim)
-    values = table.value[:, place] if place is not None else np.full(len(table.number), np.nan)
+    values = table.value[:, place]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
-    verdicts = np.array(VERDICTS)[table.verdict[order, judge.claim_place(claim)]]
+    verdicts = judge.verdicts[order, judge.claim_place(claim)]
     shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(
@@ -47,14 +46,13 @@ def specification_curve(judge: Judge, claim: str, title: str = ""):
     limits = np.unique(table.limit[order, place]) if len(order) else []
     if len(limits) == 1:
         axes[0].axhline(limits[0], color=BLACK, lw=0.9, label="limit" if judge.is_statement(claim) else "printed")
-    base = order.index(judge.base) if judge.base in order else None
-    if base is not None:
-        axes[0].plot(base, values[judge.base], "o", mfc="none", mec=BLACK, ms=7, label="corrected")
+    if judge.base in order:
+        axes[0].plot(order.index(judge.base), values[judge.base], "o", mfc="none", mec=BLACK, ms=7, label="corrected")
     typical = np.percentile(np.abs(values[order]), 80) if order else 0.0
     if order and 0.0 < 20.0 * typical < np.abs(values[order]).max():
         axes[0].set_yscale("symlog", linthresh=typical)
-    axes[0].set_title(title or in_words(claim))
-    axes[0].set_ylabel(str(table.component[place]) if place is not None else "")
+    axes[0].set_title(title)
+    axes[0].set_ylabel(str(table.component[place]))
     if axes[0].get_legend_handles_labels()[0]:
         axes[0].legend(loc="best")
     _dots(axes[1], judge, rows, order)
@@ -87,7 +85,7 @@ def _dots(axes, judge: Judge, rows: list[tuple[Choice, Value | None]], order: li
     axes.grid(visible=False, axis="x")
 
 
-def tornado(judge: Judge, claim: str, title: str = ""):
+def tornado(judge: Judge, claim: str, title: str):
     """Draw how far each value of each choice, by itself, moves a claim's number towards what is printed, or away."""
     effects = [one for one in judge.effects(claim) if np.isfinite(one.size) and one.counts]
     names = list(dict.fromkeys(one.choice for one in effects))[:12]
@@ -107,7 +105,7 @@ def tornado(judge: Judge, claim: str, title: str = ""):
     axes.set_yticks(np.arange(len(names)), [in_words(name) for name in names])
     axes.set_ylim(max(len(names), 1) - 0.4, -0.6)
     axes.set_xlabel("change over noise and rounding: away from what is printed (left), towards it (right)")
-    axes.set_title(title or in_words(claim))
+    axes.set_title(title)
     return figure
 
 
@@ -152,14 +150,15 @@ def _turns(before: str, after: str) -> bool:
 
 def pictures(judge: Judge) -> list:
     """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
-    matching = Matching(judge.choices, list(judge.published.values()))
+    matching = Matching(judge.choices, judge.published.values())
     drawn = [heat_map(judge, [str(claim) for claim in judge.table.claim])]
     drawn.append(closing_in(matching.waves(judge.table), matching.varied))
     for claim in matching.headlines:
+        title = claim.plain or in_words(claim.id)
         if claim.id in judge.table.claim:
-            drawn += [specification_curve(judge, claim.id, claim.plain), tornado(judge, claim.id, claim.plain)]
+            drawn += [specification_curve(judge, claim.id, title), tornado(judge, claim.id, title)]
         else:
-            drawn += [nothing(f"{claim.plain}\nis a claim on the method, which no universe evaluates")] * 2
+            drawn += [nothing(f"{title}\nis a claim on the method, which no universe evaluates")] * 2
     return drawn
 
 

@@ -137,7 +137,7 @@ def test_every_choice_is_at_a_value_in_corrected_and_printed():
 
 @pytest.mark.stages
 def test_the_universe_corrected_is_the_reading_and_remains_so():
-    evaluator = Evaluator(PAPER, STUDY, CLAIMS, list(PUBLISHED.values()))
+    evaluator = Evaluator(PAPER, MODEL, ROOT)
     small = {name: value for name, value in SMALL.items() if name != "design.weight_path"}
     names = ("nominal", "tradeoff", "linearization", "gains", "responses")
 

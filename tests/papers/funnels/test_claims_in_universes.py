@@ -33,7 +33,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def evaluator():
-    return Evaluator.of(catalogue("funnels"), MODEL, ROOT)
+    return Evaluator(catalogue("funnels"), MODEL, ROOT)
 
 
 @pytest.fixture(scope="module")

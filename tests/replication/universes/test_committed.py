@@ -48,7 +48,7 @@ def test_indices_are_those_of_plain_loops():
     for claim in (one for one in judge.published.values() if one.headline):
         place = judge.component_place(claim.id)
         found = {one.choice: one.ratio for one in judge.judged(claim.id).indices}
-        if place is None or not found:
+        if not found:
             continue
         use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(judge.table.value[:, place])
         values = judge.table.value[use, place].tolist()

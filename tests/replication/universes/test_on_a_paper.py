@@ -14,7 +14,7 @@ from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.store import content_digest
-from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, design, part
+from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, design
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import CAUSES, Evaluator, chunk_of, gathered, tabulated
 from marsedl.replication.universes.tabulating import claims_table, effects_table
@@ -31,7 +31,7 @@ pytestmark = [pytest.mark.stages, pytest.mark.xdist_group(SLUG)]
 
 @pytest.fixture(scope="module")
 def evaluator():
-    made = Evaluator.of(catalogue(SLUG), input_model(SLUG), ROOT)
+    made = Evaluator(catalogue(SLUG), input_model(SLUG), ROOT)
     made.limit_trials(100)
     return made
 
@@ -66,7 +66,7 @@ def test_a_universe_is_the_same_after_others_and_memory_stays_flat(evaluator):
 def test_chunks_give_the_table_of_one_process_and_what_fails_takes_only_its_claims_along(evaluator):
     universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"equation_46": "printed"})]
     whole = tabulated(evaluator, universes)
-    parts = gathered([tabulated(evaluator, part(universes, chunk, 2)) for chunk in range(2)])
+    parts = gathered([tabulated(evaluator, universes[chunk::2]) for chunk in range(2)])
     assert content_digest(whole) == content_digest(parts)
     causes = {int(number): set(row.tolist()) for number, row in zip(whole.number, whole.cause, strict=True)}
     assert {CAUSES.index("result"), CAUSES.index("refused")} <= causes[2], "the mass iteration burns all of the mass"
@@ -109,7 +109,7 @@ def test_a_figure_is_drawn_of_both(evaluator, tmp_path):
 
 def test_every_paper_has_its_readings_at_values_of_them():
     for slug in SLUGS:
-        choices = Evaluator.of(catalogue(slug), input_model(slug), ROOT).study.choices
+        choices = Evaluator(catalogue(slug), input_model(slug), ROOT).study.choices
         assert choices and all(one.corrected is not None for one in choices)
         assert all(one.printed is not None for one in choices if one.erratum and not one.only_if)
         errata = {erratum.id for erratum in catalogue(slug).errata}

@@ -20,7 +20,7 @@ from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
 from marsedl.replication.report.deciding import Deciding
-from marsedl.replication.universes.designs import Universe, one_at_a_time, redrawn, space_filling
+from marsedl.replication.universes.designs import AGAIN, Universe, one_at_a_time, redrawn, space_filling
 from marsedl.replication.universes.joint import answer, joint
 from marsedl.replication.universes.judging import Judge, cause_of, correlation_ratio, wilson
 from marsedl.replication.universes.table import Outcome, Row, class_of, gathered, table_of
@@ -140,7 +140,7 @@ def table(universes):
 
 @pytest.fixture(scope="module")
 def judge():
-    return Judge(table([*one_at_a_time(CHOICES), *space_filling(CHOICES, 256, first=100)]), CHOICES, PUBLISHED)
+    return Judge(table([*one_at_a_time(CHOICES), *space_filling(CHOICES, 256)]), CHOICES, PUBLISHED)
 
 
 def test_what_is_robust_what_depends_and_what_never_holds(judge):
@@ -173,10 +173,8 @@ def test_shares_of_universes_and_the_nearest_value(judge):
     line, upwards = judge.judged("line"), judge.judged("upwards")
     assert upwards.over_all.value == pytest.approx(0.5, abs=0.01)
     assert line.over_all.low <= 0.05 <= line.over_all.high, "a tenth of the slopes with one of two angles"
-    assert upwards.given_deciding["angle"]["corrected"].value == 1.0
-    assert upwards.given_deciding["angle"]["printed"].value == 0.0
-    assert line.nearest.number == pytest.approx(0.8, abs=0.01) and line.nearest.assignment["angle"] == "corrected"
-    assert line.noise == 0.0 and line.causes == {"result": 261}
+    assert line.nearest.number == pytest.approx(0.8, abs=0.01)
+    assert line.noise == 0.0
 
 
 def test_indices_against_the_closed_form(judge):
@@ -228,14 +226,15 @@ def test_waves_find_what_contradicts_and_what_can_be_true_at_once():
 
     def run(published):
         matching = Matching(CHOICES, published)
-        return matching.run(start, table, gathered, 32, 4)
+        found = matching.extended(start, table, 32)
+        return matching.waves(found)[-1], found
 
-    waves, _ = run(PUBLISHED)
-    assert waves[-1].volume == 0.0 and waves[-1].contradicting == ("flat", "line")
-    waves, found = run(PUBLISHED[:2])
-    assert 0.0 < waves[-1].volume < 0.2, "slopes from 0.75 to 0.85 with one of two angles are a twentieth"
-    assert waves[-1].nearest < 3.0 and waves[-1].shares["angle"] == [0.0, 1.0]
-    best = found.assignment[found.number == waves[-1].its][0]
+    last, _ = run(PUBLISHED)
+    assert last.volume == 0.0 and last.contradicting == ("flat", "line")
+    last, found = run(PUBLISHED[:2])
+    assert 0.0 < last.volume < 0.2, "slopes from 0.75 to 0.85 with one of two angles are a twentieth"
+    assert last.shares["angle"] == [0.0, 1.0]
+    best = found.assignment[found.seed == 1][0]
     assert 0.7 < best[0] < 0.9
 
 
@@ -245,7 +244,7 @@ def test_what_is_true_at_once_and_what_never_is(judge):
     assert (found.best.headlines, found.best.of) == (2, 3)
     assert found.best.again is None and answer(found) == "at most 2 of 3 headlines stand in one universe"
     assert [(one.of, one.in_corrected) for one in found.halves] == [(2, 2), (3, 0)]
-    again = [replace(one, number=10_000 + one.number, seed=1) for one in space_filling(CHOICES, 4, first=100)]
+    again = [replace(one, number=AGAIN + one.number, seed=1) for one in space_filling(CHOICES, 4)]
     both = gathered([judge.table, table(again)])
     assert len(Judge(both, CHOICES, PUBLISHED).effects("line")) == len(judge.effects("line")), "seeds stay apart"
     assert Judge(both, CHOICES, PUBLISHED).second_seed().of == 0, "nothing is sampled"
@@ -292,6 +291,13 @@ def test_an_emulator_is_exact_where_the_answer_is_linear():
     assert predicted == pytest.approx(values[:5], abs=1e-3) and error < 1e-3
 
 
+def test_a_headline_whose_number_diverges_somewhere_rules_nothing_out():
+    start = table(space_filling(CHOICES, 16))
+    start.value[3, 0] = 1e161  # its square is infinite
+    wave, _ = Matching(CHOICES, PUBLISHED[:1]).wave(start, 0)
+    assert wave.volume == 1.0 and not wave.contradicting
+
+
 def test_a_fault_of_the_machine_is_no_outcome_of_a_universe():
     assert class_of(InfeasibleError("there is no law", {})).cause == "infeasible"
     assert class_of(ZeroDivisionError("by zero")).cause == "numerical"
@@ -325,7 +331,7 @@ def test_a_longer_design_begins_with_the_shorter_one():
 
 
 def test_any_chunks_give_the_same_table():
-    universes = [*one_at_a_time(CHOICES), *space_filling(CHOICES, 8, first=50)]
+    universes = [*one_at_a_time(CHOICES), *space_filling(CHOICES, 8)]
     whole, parts = table(universes), gathered([table(universes[k::3]) for k in range(3)])
     for name in ("number", "assignment", "value", "verdict", "sentence"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))

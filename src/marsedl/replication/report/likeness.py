@@ -28,9 +28,9 @@ def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
     if refuted:
         first = refuted[0]
         return OTHER if first.id in product.shape else OTHER_SCALE, f"{said}: {first.plain or first.quantity}"
-    return SAME, f"All {len(decided)} claims on it stand." if len(
-        decided
-    ) > 1 else f"It stands: {decided[0].plain or decided[0].quantity}"
+    if len(decided) == 1:
+        return SAME, f"It stands: {decided[0].plain or decided[0].quantity}"
+    return SAME, f"All {len(decided)} claims on it stand."
 
 
 def with_likeness(paper: Paper, claims: Mapping[str, Claim]) -> Paper:

@@ -26,7 +26,7 @@ from marsedl.replication.report.formulas import with_formulas, with_raised_power
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.designs import DESIGNS, SPACE_FILLING
+from marsedl.replication.universes.designs import SPACE_FILLING
 from marsedl.replication.universes.joint import answer, joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -100,12 +100,9 @@ def build_site(
     files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in _ASSETS}
     files[_PROVENANCE] = _provenance(papers)
     files[_SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
-    for shown in (*entries, together):
-        files |= {f"pictures/{one.place}.png": one.content.content for one in shown["figures"].values()}
-        slug = shown["paper"].slug
-        if one := shown["picture"]:
-            files[f"pictures/{one.place}.png"] = one.content.content
-        files |= {f"pictures/{slug}/{name}.png": one.content for name, _, one in shown["universes"]}
+    for entry in (*entries, together):
+        drawn = (*entry["figures"].values(), *entry["universes"], entry["picture"])
+        files |= {f"pictures/{one.place}.png": one.content.content for one in drawn if one}
     files[_ZIP] = _zipped(files)
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -206,13 +203,6 @@ def _shown(
     }
 
 
-def _headline(paper: Paper, root: Path) -> Shown:
-    """The picture of a paper's headline claims."""
-    caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
-    content = picture(root / paper.slug / f"{HEADLINE}.png")
-    return Shown(f"{paper.slug}/{HEADLINE}", HEADLINE, Product(caption, beyond=True), content)
-
-
 def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
     rows = report.claims
@@ -221,6 +211,8 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
     figures = _shown(paper.figures, root / paper.slug, picture, ".png", paper.described)
     tables = _shown(paper.tables, root / paper.slug, read_markdown, ".md")
+    caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
+    of_headline = {HEADLINE: Product(caption, beyond=True)} if paper.slug != COMPARISON else {}
     first = {
         "short",
         "decides",
@@ -254,7 +246,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "open": deciding.open(),
         **_universes(report, root),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "picture": _headline(paper, root) if paper.slug != COMPARISON else None,
+        "picture": _shown(of_headline, root / paper.slug, picture, ".png").get(HEADLINE),
         "figures": figures,
         "tables": tables,
     }
@@ -292,7 +284,7 @@ def _places(values: Sequence[float], rim: float) -> Callable[[float], float]:
 
 
 def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
-    """The pictures of a paper's universes, each with its name and title, and how many fill the space of choices."""
+    """The pictures of a paper's universes, what these say of its headlines, and how many fill the space of choices."""
     if report.judge is None:
         return {"universes": [], "filling": 0, "joint": None}
     titles = ["Every choice and every claim", "What is not ruled out"]
@@ -300,14 +292,11 @@ def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
     for row in headlines:
         said = _said(row).rstrip(".")
         titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
-    folder, table = root / report.catalogue.slug, report.judge.table
+    drawn = dict(zip(universe_pictures(len(headlines)), map(Product, titles), strict=True))
     return {
         "joint": joint(report.judge),
-        "universes": [
-            (name, text, picture(folder / f"{name}.png"))
-            for name, text in zip(universe_pictures(len(headlines)), titles, strict=True)
-        ],
-        "filling": int(((table.design == DESIGNS.index(SPACE_FILLING)) & (table.seed == 0)).sum()),
+        "universes": [*_shown(drawn, root / report.catalogue.slug, picture, ".png").values()],
+        "filling": int(report.judge.among(SPACE_FILLING).sum()),
     }
 
 

@@ -86,20 +86,14 @@ def combined_values(choice: Choice) -> list[str]:
     return [name for name in choice.alternatives if name not in choice.apart]
 
 
-def space_filling(choices: Choices, count: int, first: int = FIRST) -> list[Universe]:
-    """Return points of a scrambled Sobol sequence over all choices that are combined.
+def space_filling(choices: Choices, count: int) -> list[Universe]:
+    """Return points of a scrambled Sobol sequence over all choices that are combined; powers of two fill space evenly.
 
     A longer design begins with the shorter one.
-
-    Args:
-        choices: of the paper.
-        count: how many points; powers of two fill the space evenly.
-        first: the number of the first universe.
-
     """
     combined = varied(choices)
     return [
-        Universe(first + number, SPACE_FILLING, assignment_at(choices, combined, point))
+        Universe(FIRST + number, SPACE_FILLING, assignment_at(choices, combined, point))
         for number, point in enumerate(sobol(len(combined), count))
     ]
 
@@ -156,8 +150,3 @@ def design(
     filling = space_filling(choices, count)
     again = [replace(one, number=AGAIN + one.number, seed=1) for one in filling[: count // 16]]
     return [*one_at_a_time(choices, names)[:alone], *filling, *again]
-
-
-def part(universes: Sequence[Universe], chunk: int, chunks: int) -> list[Universe]:
-    """Return one of so many chunks of universes, which are dealt out in turn: each has as many of each design."""
-    return list(universes[chunk::chunks])

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import REFUTED_VERDICTS
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.universes.judging import TRUE, Judge
-from marsedl.replication.universes.table import VERDICTS, decoded
+from marsedl.replication.universes.designs import AGAIN
+from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.table import decoded
 from marsedl.replication.universes.waves import Matching, Wave
 
 
@@ -45,69 +45,52 @@ class Joint(NamedTuple):
 
 def joint(judge: Judge) -> Joint:
     """Return what the universes of a table say of all headlines together."""
-    matching = Matching(judge.choices, list(judge.published.values()))
-    verdicts = zip(judge.table.claim, judge.table.verdict.T, strict=True)
-    decided = [str(name) for name, codes in verdicts if codes.any()]  # code 0 is "none"
+    matching = Matching(judge.choices, judge.published.values())
+    decided = judge.table.claim[judge.table.verdict.any(axis=0)]  # code 0 is "none"
     names = [one.id for one in matching.headlines if one.id in decided]
-    waves = matching.waves(judge.table)
-    return Joint(waves, _best(judge, names), never_together(judge, names), halves(judge))
+    places = [judge.claim_place(name) for name in names]
+    never = [tuple(names[k] for k in those) for those in _never_together(judge, places)]
+    return Joint(matching.waves(judge.table), _best(judge, places) if names else None, never, _halves(judge))
 
 
-def _verdicts(judge: Judge, names: Sequence[str]) -> np.ndarray:
-    """Verdicts of some claims (universe, claim)."""
-    return np.array(VERDICTS)[judge.table.verdict[:, [judge.claim_place(name) for name in names]]]
-
-
-def _counts(judge: Judge, names: Sequence[str]) -> np.ndarray:
-    """How many of some claims stand in each universe."""
-    return np.isin(_verdicts(judge, names), TRUE).sum(axis=1)
-
-
-def _best(judge: Judge, names: Sequence[str]) -> Best | None:
-    if not names:
-        return None
-    table, everything = judge.table, list(map(str, judge.table.claim))
-    headlines, claims = _counts(judge, names), _counts(judge, everything)
-    own = np.flatnonzero(table.seed == 0)
-    at = max(own, key=lambda k: (headlines[k], claims[k], -k))
+def _best(judge: Judge, places: Sequence[int]) -> Best:
+    """The universe in which most of some claims, and then most of all, stand."""
+    table, headlines, claims = judge.table, judge.stands[:, places].sum(axis=1), judge.stands.sum(axis=1)
+    at = max(np.flatnonzero(table.seed == 0), key=lambda k: (headlines[k], claims[k], -k))
     assignment, base = (decoded(judge.choices, table.assignment[k]) for k in (at, judge.base))
-    same = [k for k in np.flatnonzero(table.seed != 0) if np.array_equal(*table.assignment[[k, at]], equal_nan=True)]
+    again = np.flatnonzero(table.number == AGAIN + table.number[at])
     return Best(
         int(table.number[at]),
         {name: value for name, value in assignment.items() if value != base.get(name)},
         int(headlines[at]),
-        len(names),
+        len(places),
         int(claims[at]),
         int(claims[judge.base]),
-        bool(headlines[same[0]] >= headlines[at]) if same else None,
+        bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
     )
 
 
-def never_together(judge: Judge, names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the smallest sets of claims that stand together in no universe which decides all of them."""
-    verdicts = _verdicts(judge, names)
-    decided = np.isin(verdicts, TRUE + REFUTED_VERDICTS)
-    stands = np.isin(verdicts, TRUE)
-    for size in range(1, len(names) + 1):
+def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]]:
+    """The smallest sets of claims that stand together in no universe which decides all of them."""
+    decided, stands = judge.decided[:, places], judge.stands[:, places]
+    for size in range(1, len(places) + 1):
         found = []
-        for those in itertools.combinations(range(len(names)), size):
+        for those in itertools.combinations(range(len(places)), size):
             use = decided[:, those].all(axis=1)
             if use.any() and not stands[use][:, those].all(axis=1).any():
-                found.append(tuple(names[k] for k in those))
+                found.append(those)
         if found:
             return found
     return []
 
 
-def halves(judge: Judge) -> list[Predicted]:
-    """Return how choices that fit one half of the claims, in turns, do on the other half; see `Predicted`."""
-    names = list(map(str, judge.table.claim))
-    own, found = np.flatnonzero(judge.table.seed == 0), []
-    for fitted, others in ((names[::2], names[1::2]), (names[1::2], names[::2])):
-        fit, rest = _counts(judge, fitted), _counts(judge, others)
-        at = max(own, key=lambda k: (fit[k], -k))
+def _halves(judge: Judge) -> list[Predicted]:
+    """How choices that fit one half of the claims, in turns, do on the other half."""
+    own, found, halves = np.flatnonzero(judge.table.seed == 0), [], (judge.stands[:, ::2], judge.stands[:, 1::2])
+    for fitted, others in (halves, halves[::-1]):
+        at, standing = own[np.argmax(fitted.sum(axis=1)[own])], others.sum(axis=1)
         number = int(judge.table.number[at])
-        found.append(Predicted(number, int(rest[at]), int(rest[judge.base]), len(others)))
+        found.append(Predicted(number, int(standing[at]), int(standing[judge.base]), others.shape[1]))
     return found
 
 

@@ -6,7 +6,7 @@ Shares of universes depend on how many alternatives each choice lists: they are 
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
-from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, Universe, interval_of
+from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, Universe, interval_of
 from marsedl.replication.universes.table import (
     CAUSES,
     VERDICTS,
@@ -94,8 +94,6 @@ class Nearest(NamedTuple):
 
     universe: int
     number: float
-    error: float
-    assignment: dict
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,6 @@ class Judged:
     `undecided` if no universe decides it, else `depends` on the choices `on`.
     """
 
-    claim: str
     component: str
     verdict: str
     number: float
@@ -118,11 +115,9 @@ class Judged:
     over_all: Share
     over_results: Share
     undetermined: Share
-    given_deciding: dict[str, dict[Value, Share]]
     nearest: Nearest | None
     indices: tuple[Index, ...]
     noise: float  # share of the variance over universes that is sampling error
-    causes: dict[str, int] = field(default_factory=dict)
 
 
 def wilson(count: int, of: int) -> Share:
@@ -133,6 +128,11 @@ def wilson(count: int, of: int) -> Share:
     centre = (p + z * z / (2 * of)) / (1 + z * z / of)
     half = z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of)) / (1 + z * z / of)
     return Share(count, of, max(centre - half, 0.0), min(centre + half, 1.0))
+
+
+def share_of(those: np.ndarray, among: np.ndarray) -> Share:
+    """Return the share of some among others; both are masks."""
+    return wilson(int((those & among).sum()), int(among.sum()))
 
 
 class Judge:
@@ -149,58 +149,42 @@ class Judge:
         self.published = {one.id: one for one in published}
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self._claims = {str(name): at for at, name in enumerate(table.claim)}
-        self._components = {str(name): at for at, name in enumerate(table.component)}
-        self.base = int(np.flatnonzero((table.design == DESIGNS.index(ONE_AT_A_TIME)) & ~self._moved.any(axis=1))[0])
+        self.verdicts = np.array(VERDICTS)[table.verdict]  # (universe, claim), as the next two
+        self.stands = np.isin(self.verdicts, TRUE)
+        self.decided = self.stands | np.isin(self.verdicts, REFUTED_VERDICTS)
+        corrected = np.array(coded(choices, Universe(0, ONE_AT_A_TIME, {})), dtype=float)
+        same = (table.assignment == corrected) | (np.isnan(table.assignment) & np.isnan(corrected))
+        self._moved = ~same  # which choices of a universe are not as in `corrected` (universe, choice)
+        self.base = int(np.flatnonzero((table.design == DESIGNS.index(ONE_AT_A_TIME)) & same.all(axis=1))[0])
 
-    @cached_property
-    def _corrected(self) -> np.ndarray:
-        """The values of `corrected`, as in the table."""
-        return np.array(coded(self.choices, Universe(0, ONE_AT_A_TIME, {})), dtype=float)
-
-    @cached_property
-    def _moved(self) -> np.ndarray:
-        """Which choices of a universe are not as in `corrected` (universe, choice)."""
-        rows, base = self.table.assignment, self._corrected
-        return ~((rows == base) | (np.isnan(rows) & np.isnan(base)))
-
-    def _in(self, design: str) -> np.ndarray:
+    def among(self, design: str) -> np.ndarray:
+        """Return which universes are of a design, those apart that are computed again with other random numbers."""
         return (self.table.design == DESIGNS.index(design)) & (self.table.seed == 0)
 
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
-        at = self._claims[claim]
-        filled = self._in(SPACE_FILLING)
-        verdicts = np.array(VERDICTS)[self.table.verdict[:, at]]
-        has_result = self.table.cause[:, at] == CAUSES.index("result")
-        stands = np.isin(verdicts, TRUE)
-        decided = stands | np.isin(verdicts, REFUTED_VERDICTS)
-        component = self._deciding_component(claim)
-        place = self._components.get(component)
+        at, place = self.claim_place(claim), self.component_place(claim)
+        filled, stands, decided = self.among(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
+        with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
-        values = np.full(len(filled), np.nan) if place is None else self.table.value[:, place]
-        indices = self.indices(values, filled, at, pairs=pairs)
+        indices = self.indices(self.table.value[:, place], filled, at, pairs=pairs)
         of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at, pairs=pairs)
-        on = self._depends_on(stands, effects, (*indices, *of_verdict))
-        every = filled | self._in(ONE_AT_A_TIME)
-        causes, counts = np.unique(self.table.cause[every, at], return_counts=True)
+        every = filled | self.among(ONE_AT_A_TIME)
         overall = self._stands(stands[every & decided])
         return Judged(
-            claim,
-            component,
-            verdicts[self.base],
-            *self._numbers(place),
+            str(self.table.component[place]),
+            self.verdict(claim),
+            *self._numbers[:, self.base, place].tolist(),
             overall,
-            on if overall == DEPENDS else (),
+            self._depends_on(stands, effects, (*indices, *of_verdict)) if overall == DEPENDS else (),
             effects,
-            wilson(int(stands[filled].sum()), int(filled.sum())),
-            wilson(int(stands[filled & has_result].sum()), int((filled & has_result).sum())),
-            wilson(int((verdicts == "undetermined")[filled & has_result].sum()), int((filled & has_result).sum())),
-            {name: self._given(self.choices.by_name[name], stands, has_result & filled) for name in on[:1]},
-            self.nearest(claim, every),
+            share_of(stands, filled),
+            share_of(stands, with_result),
+            share_of(self.verdicts[:, at] == "undetermined", with_result),
+            self._nearest(claim, every),
             indices,
             self._noise(place, filled),
-            {CAUSES[code]: int(count) for code, count in zip(causes, counts, strict=True)},
         )
 
     @staticmethod
@@ -227,13 +211,13 @@ class Judge:
         """Return the column of a claim's verdicts."""
         return self._claims[claim]
 
-    def component_place(self, claim: str) -> int | None:
-        """Return the column of the number that decides a claim; None if it has none."""
-        return self._components.get(self._deciding_component(claim))
+    def component_place(self, claim: str) -> int:
+        """Return the column of the number that decides a claim: in `corrected` it is furthest from what is printed."""
+        return max(self._places[claim], key=lambda place: self._distances[self.base, place])
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
-        return VERDICTS[self.table.verdict[self.base, self._claims[claim]]]
+        return str(self.verdicts[self.base, self.claim_place(claim)])
 
     def is_statement(self, claim: str) -> bool:
         """Whether a claim is a statement; others are numbers."""
@@ -241,88 +225,79 @@ class Judge:
 
     # ------------------------------------------------------------------------------------------------------- numbers
 
-    def _deciding_component(self, claim: str) -> str:
-        """The component of a claim that is furthest from what is printed in `corrected`, in half digits and errors."""
-        parts = components_of(self.published[claim])
-        return max((label for label, _ in parts), key=lambda label: self._distance(label, self.base), default="")
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        """Value, standard error and limit of every number (3, universe, component)."""
+        return np.array([self.table.value, self.table.error, self.table.limit])
 
-    def _half(self, label: str) -> float:
-        claim = self.published[label.partition("[")[0]]
-        return half_digit(claim, dict(components_of(claim))[label])
+    @cached_property
+    def _places(self) -> dict[str, list[int]]:
+        """The columns of the numbers of each claim."""
+        columns = {str(name): at for at, name in enumerate(self.table.component)}
+        return {name: [columns[label] for label, _ in components_of(self.published[name])] for name in self._claims}
 
-    def _distance(self, label: str, universe: int) -> float:
-        at = self._components[label]
-        value, error, limit = (getattr(self.table, name)[universe, at] for name in ("value", "error", "limit"))
-        scale = math.hypot(SIGMAS * error, self._half(label)) or abs(limit) or 1.0
-        distance = abs(value - limit) / scale
-        return distance if math.isfinite(distance) else -1.0
+    @cached_property
+    def _halves(self) -> np.ndarray:
+        """Half of the last printed digit of every number (component,)."""
+        claims = [self.published[name] for name in self._claims]
+        return np.array([half_digit(claim, index) for claim in claims for _, index in components_of(claim)])
 
-    def _numbers(self, place: int | None) -> tuple[float, float, float]:
-        if place is None:
-            return math.nan, math.nan, math.nan
-        return tuple(float(getattr(self.table, name)[self.base, place]) for name in ("value", "error", "limit"))
+    @cached_property
+    def _distances(self) -> np.ndarray:
+        """How far every number is from what is printed, in half digits and errors; -1 without one."""
+        value, error, limit = self._numbers
+        scale = np.hypot(SIGMAS * error, self._halves)
+        scale = np.where(scale == 0.0, np.abs(limit), scale)
+        distances = np.abs(value - limit) / np.where(scale == 0.0, 1.0, scale)
+        return np.where(np.isfinite(distances), distances, -1.0)
+
+    @cached_property
+    def _alone(self) -> list[tuple[int, str, Value]]:
+        """The universes that vary one choice by itself, with it and its value there."""
+        found, choices = [], list(self.choices)
+        for universe in np.flatnonzero(self.among(ONE_AT_A_TIME)):
+            moved = [choices[k] for k in np.flatnonzero(self._moved[universe])]
+            main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
+            if len(main) == 1:
+                value = decoded(self.choices, self.table.assignment[universe])[main[0]]
+                found.append((int(universe), main[0], value))
+        return found
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
         """Return what each value of each choice changes by itself, the largest change first."""
-        component = self._deciding_component(claim)
-        place, at = self._components.get(component), self._claims[claim]
-        found = []
-        for universe in np.flatnonzero(self._in(ONE_AT_A_TIME)):
-            moved = np.flatnonzero(self._moved[universe])
-            named = [list(self.choices)[k] for k in moved]
-            main = [one for one in named if not any(one.name in other.only_if for other in named)]
-            if len(main) != 1:
-                continue
-            value = decoded(self.choices, self.table.assignment[universe])[main[0].name]
-            verdict = VERDICTS[self.table.verdict[universe, at]]
-            cause = CAUSES[self.table.cause[universe, at]]
-            numbers = self._change(component, place, int(universe)) if place is not None else (math.nan,) * 3 + (False,)
-            found.append(Effect(main[0].name, value, int(self.table.number[universe]), verdict, cause, *numbers))
+        place, at, found = self.component_place(claim), self.claim_place(claim), []
+        for universe, choice, value in self._alone:
+            verdict, cause = str(self.verdicts[universe, at]), CAUSES[self.table.cause[universe, at]]
+            numbers = self._change(claim, place, universe)
+            found.append(Effect(choice, value, int(self.table.number[universe]), verdict, cause, *numbers))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
 
     def second_seed(self) -> Share:
         """Return how many numbers agree, within three standard errors, with those of other random numbers."""
-        table, pairs = self.table, []
-        for again in np.flatnonzero(table.seed != 0):
-            same = (table.assignment == table.assignment[again]) | np.isnan(table.assignment[again])
-            pairs += [(again, k) for k in np.flatnonzero(same.all(axis=1) & (table.seed == 0))[:1]]
-        first, second = np.array(pairs, dtype=int).reshape(-1, 2).T
-        error = np.hypot(table.error[first], table.error[second])
-        use = error > 0.0
-        agree = np.abs(table.value[first] - table.value[second]) <= SIGMAS * error
-        return wilson(int(agree[use].sum()), int(use.sum()))
+        again = np.flatnonzero(self.table.seed)
+        first = np.searchsorted(self.table.number, self.table.number[again] - AGAIN)
+        error = np.hypot(self.table.error[first], self.table.error[again])
+        agree = np.abs(self.table.value[first] - self.table.value[again]) <= SIGMAS * error
+        return share_of(agree, error > 0.0)
 
-    def _change(self, label: str, place: int, universe: int) -> tuple[float, float, float, bool]:
-        names = ("value", "error", "limit")
-        before, after = (tuple(getattr(self.table, n)[at, place] for n in names) for at in (self.base, universe))
-        claim = label.partition("[")[0]
+    def _change(self, claim: str, place: int, universe: int) -> tuple[float, float, float, bool]:
+        before, after = self._numbers[:, self.base, place], self._numbers[:, universe, place]
         if self.is_statement(claim):  # the side on which it holds is that of `corrected`, or the other
             side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
             towards = side * (after[0] - after[2]) > side * (before[0] - before[2])
         else:
             towards = abs(after[0] - after[2]) < abs(before[0] - before[2])
-        size = size_of_change(before, after, self._half(label))
+        size = size_of_change(before, after, self._halves[place])
         return float(after[0]), float(after[0] - before[0]), float(size), bool(towards)
 
-    def nearest(self, claim: str, among: np.ndarray) -> Nearest | None:
-        """Return the universe in which a claim's numbers, all of them, come nearest to what is printed."""
-        labels = [label for label, _ in components_of(self.published[claim])]
-        distances = {
-            int(universe): max((self._distance(label, universe) for label in labels), default=-1.0)
-            for universe in np.flatnonzero(among)
-            if self.table.cause[universe, self._claims[claim]] == 0
-        }
-        distances = {universe: distance for universe, distance in distances.items() if distance >= 0.0}
-        if not distances:
+    def _nearest(self, claim: str, among: np.ndarray) -> Nearest | None:
+        """The universe in which a claim's numbers, all of them, come nearest to what is printed."""
+        distances = self._distances[:, self._places[claim]].max(axis=1)
+        use = among & (self.table.cause[:, self.claim_place(claim)] == CAUSES.index("result")) & (distances >= 0.0)
+        if not use.any():
             return None
-        best = min(distances, key=lambda universe: (distances[universe], universe))
-        at = self._components[self._deciding_component(claim)]
-        return Nearest(
-            int(self.table.number[best]),
-            float(self.table.value[best, at]),
-            float(self.table.error[best, at]),
-            decoded(self.choices, self.table.assignment[best]),
-        )
+        best = np.argmin(np.where(use, distances, np.inf))
+        return Nearest(int(self.table.number[best]), float(self.table.value[best, self.component_place(claim)]))
 
     # ------------------------------------------------------------------------------------------------------- indices
 
@@ -370,19 +345,7 @@ class Judge:
         beyond = [name for one in indices if one.decides for name in one.choice.split(" x ")]
         return tuple(dict.fromkeys([*turned, *beyond]))
 
-    def _given(self, choice: Choice, stands: np.ndarray, among: np.ndarray) -> dict[Value, Share]:
-        """The share at each value of a choice (a range in four equal parts, named by their middles)."""
-        k = [one.name for one in self.choices].index(choice.name)
-        groups = self._groups(choice, self.table.assignment[:, k])
-        names = [choice.range.at((q + 0.5) / 4) for q in range(4)] if choice.range else list(choice.alternatives)
-        return {
-            name: wilson(int(stands[among & (groups == q)].sum()), int((among & (groups == q)).sum()))
-            for q, name in enumerate(names)
-        }
-
-    def _noise(self, place: int | None, among: np.ndarray) -> float:
-        if place is None:
-            return math.nan
+    def _noise(self, place: int, among: np.ndarray) -> float:
         values, errors = self.table.value[among, place], self.table.error[among, place]
         use = np.isfinite(values)
         variance = float(np.var(values[use])) if use.sum() > 1 else 0.0

@@ -7,8 +7,8 @@ kept with the class of its failure and a sentence; it never counts as a verdict.
 import contextlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,12 +19,12 @@ from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation, judge
-from marsedl.replication.claims.writing import Claims, claims_of, evaluate
+from marsedl.replication.claims.writing import claims_of, evaluate
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.readings import Study, load_study
+from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
@@ -33,7 +33,7 @@ from marsedl.replication.pipeline.staleness import BENCHMARKS
 from marsedl.replication.records.fields import quantities, quantity, record
 from marsedl.replication.records.recipes import recipe_digest
 from marsedl.replication.sizes import FULL
-from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, part, redrawn
+from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
 
 VERDICTS = ("none", "reproduced", "close", "differs", "holds", "fails", "undetermined", "by_construction")
 # Why there is no verdict: it has one; the claim asks for what this universe does not have; four classes of failure.
@@ -79,7 +79,7 @@ class Outcome:
 
     cause: str
     verdict: str = "none"
-    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] | None = None  # value, error and limit by component
+    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] = field(default_factory=dict)  # value, error, limit
     sentence: str = ""
     trials: int = 0
 
@@ -87,37 +87,23 @@ class Outcome:
 class Evaluator:
     """Evaluates the claims of a paper in universes, with the records that these share kept in memory."""
 
-    def __init__(self, paper: Paper, study: Study, claims: Claims, published: Sequence[PublishedClaim], **further):
-        """Take the paper's catalogue, its study at the size that is built, its claims and what it prints.
+    def __init__(self, paper: Paper, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}):
+        """Take the catalogue of a paper of the project in a folder, its typed inputs, and the size that is built.
 
-        further: what claims ask for beside artifacts, such as `measured`.
+        choices: those of a user, as they are written.
         """
-        self.paper, self.study, self.claims, self.further = paper, study, claims, further
-        self.published = {one.id: one for one in published}
-        self.memory = Memory()
-
-    @classmethod
-    def of(cls, paper: Paper, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> "Evaluator":
-        """Return what evaluates a paper of the project in a folder, at a size.
-
-        model: its typed inputs; choices: those of a user, as they are written.
-        """
+        self.paper, self.claims, self.memory = paper, claims_of(paper.slug), Memory()
+        self.study = load_study(paper.slug, model, root, size, choices)
+        self.further = {"measured": load_measured(root / BENCHMARKS, paper.slug)} if paper.measured else {}
         published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
-        further = {"measured": load_measured(root / BENCHMARKS, paper.slug)} if paper.measured else {}
-        study = load_study(paper.slug, model, root, size, choices)
-        return cls(paper, study, claims_of(paper.slug), published, **further)
+        self.published = {one.id: one for one in published}
+        # Those with numbers or statements that a function measures.
+        self.asked = [one.id for one in published if one.kind in EVALUATED and one.id in self.claims.declarations]
 
     def limit_trials(self, most: int) -> None:
         """Let no Monte Carlo case of a universe fly more trials."""
         sections = by_section(dict.fromkeys(self.study.readings[CORRECTED].inputs.CASES.values(), float(most)))
         self.study = replace(self.study, limits=(*self.study.limits, (sections, Place("--trials"))))
-
-    @property
-    def asked(self) -> list[str]:
-        """The ids of the claims that are evaluated: those with numbers or statements that a function measures."""
-        return [
-            name for name, one in self.published.items() if one.kind in EVALUATED and name in self.claims.declarations
-        ]
 
     def admitted(self, universe: Universe) -> tuple[Universe, Run, int]:
         """Return a universe, its run and how often some of its choices were drawn again until it was admissible.
@@ -284,14 +270,13 @@ def chunk_of(
 
     A named reading is evaluated next to the universe with its values of choices, with which it shares records.
     """
-    own, study, found = part(universes, chunk, chunks), evaluator.study, {}
-    points = {name: study.assignment_of(name) for name in study.points}
-    beside = {name: next((k for k, u in enumerate(universes) if u.assignment == points[name]), None) for name in points}
-    others = [name for name in points if beside[name] is None][chunk::chunks]
-    rows = []
+    own, study = universes[chunk::chunks], evaluator.study  # dealt out in turn: each has as many of each design
+    beside = {name: [u for u in universes if u.assignment == study.assignment_of(name)][:1] for name in study.points}
+    others = [name for name, first in beside.items() if not first][chunk::chunks]
+    rows, found = [], {}
     for universe, row in zip(own, _rows(evaluator, own, title), strict=True):
         rows.append(row)
-        found |= {n: evaluator.point(n) for n, k in beside.items() if k is not None and universes[k] is universe}
+        found |= {name: evaluator.point(name) for name, first in beside.items() if universe in first}
     found |= {name: evaluator.point(name) for name in others}
     return table_of(evaluator, rows), found
 
@@ -303,8 +288,8 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     numbers = np.full((3, len(rows), len(components)), np.nan)
     for at, row in enumerate(rows):
         for place, (name, _, index) in enumerate(components):
-            if (found := row.outcomes[name].numbers) and index in found:
-                numbers[:, at, place] = _finite(found[index])
+            numbers[:, at, place] = row.outcomes[name].numbers.get(index, np.nan)
+    numbers[~np.isfinite(numbers)] = np.nan
 
     def of_claims(read: Callable[[Outcome], int], kind: type) -> np.ndarray:
         found = [[read(row.outcomes[name]) for name in asked] for row in rows]
@@ -379,7 +364,3 @@ def decoded(choices: Choices, row: Sequence[float]) -> dict[str, Any]:
 def _sentence(outcomes: Mapping[str, Outcome]) -> str:
     """The sentences of what fails, each once."""
     return "; ".join(dict.fromkeys(one.sentence for one in outcomes.values() if one.sentence))
-
-
-def _finite(numbers: Iterable[Any]) -> list[float]:
-    return [float(number) if number is not None and np.isfinite(number) else np.nan for number in numbers]

@@ -19,11 +19,11 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
         rows.append(
             (
                 *(name, one.component, one.verdict, one.stands, ", ".join(one.on)),
-                *map(_or_none, (one.number, one.error or math.nan, one.printed)),
+                *(one.number, one.error or None, one.printed),
                 *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
-                *map(_or_none, (one.over_results.value, one.over_results.low, one.over_results.high)),
-                *((_or_none(near.number), near.universe) if near else (None, None)),
-                _or_none(one.noise),
+                *(one.over_results.value, one.over_results.low, one.over_results.high),
+                *((near.number, near.universe) if near else (None, None)),
+                one.noise,
                 f"{cause.choice}: {cause.value}" if cause else "",
             )
         )
@@ -60,8 +60,9 @@ def effects_table(judge: Judge) -> "pd.DataFrame":
         before = judge.verdict(name)
         for one in judge.effects(name):
             if one.counts or one.verdict != before:
-                numbers = map(_or_none, (one.number, one.difference, one.size))
                 verdict = one.verdict if one.cause == "result" else one.cause
+                size = one.size if math.isfinite(one.size) else None
+                numbers = one.number, one.difference, size
                 rows.append((name, one.choice, str(one.value), one.universe, verdict, *numbers, one.towards))
     return table(
         rows,
@@ -77,7 +78,3 @@ def effects_table(judge: Judge) -> "pd.DataFrame":
             "towards": Column(meaning="whether it is towards what is printed"),
         },
     )
-
-
-def _or_none(number: float) -> float | None:
-    return float(number) if math.isfinite(number) else None

@@ -8,7 +8,7 @@ left, until nothing more is ruled out.
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,14 +30,12 @@ from marsedl.replication.universes.designs import (
 )
 from marsedl.replication.universes.table import (
     VERDICTS,
-    Evaluator,
     Universes,
     components_of,
     decoded,
     gathered,
     half_digit,
     selected,
-    tabulated,
 )
 
 CANDIDATES = 8192
@@ -51,16 +49,12 @@ RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with th
 class Wave:
     """What one wave ruled out.
 
-    `volume` is the share of the candidates that is left, `computed` the universes that the emulators rest on, `nearest`
-    the least implausibility that a computed universe has, and `its` the number of that universe. `shares` are those of
-    the values of each choice among what is left (a range in four equal parts); `contradicting` are the fewest headlines
-    that no candidate fulfils together, if none is left.
+    `volume` is the share of the candidates that is left. `shares` are those of the values of each choice among what is
+    left (a range in four equal parts); `contradicting` are the fewest headlines that no candidate fulfils together, if
+    none is left.
     """
 
     volume: float
-    computed: int
-    nearest: float
-    its: int
     shares: dict[str, list[float]]
     contradicting: tuple[str, ...]
 
@@ -68,7 +62,7 @@ class Wave:
 class Matching:
     """History matching of a paper's headlines."""
 
-    def __init__(self, choices: Choices, published: Sequence[PublishedClaim]):
+    def __init__(self, choices: Choices, published: Iterable[PublishedClaim]):
         """Take the choices, of which misprints are not varied, and what the paper prints."""
         self.choices = choices
         self.varied = varied(choices)
@@ -80,23 +74,20 @@ class Matching:
         It is an array (2, universe) by component: what is missing, 0 if it is true, beyond half a printed digit; NaN
         without a result.
         """
-        found = {}
-        for claim in self.headlines:
-            places = np.flatnonzero(table.claim == claim.id)
-            if not len(places):
-                continue
-            verdicts = np.array(VERDICTS)[table.verdict[:, places[0]]]
+        found, claims, components = {}, table.claim.tolist(), table.component.tolist()
+        for claim in (one for one in self.headlines if one.id in claims):
+            place = claims.index(claim.id)
+            verdicts = np.array(VERDICTS)[table.verdict[:, place]]
             for label, index in components_of(claim):
-                at = int(np.flatnonzero(table.component == label)[0])
+                at = components.index(label)
                 distance = table.value[:, at] - table.limit[:, at]
-                half = half_digit(claim, index)
                 deviation = np.nan_to_num(table.error[:, at])
                 if claim.kind == "qualitative":  # positive where the statement fails
                     distance = np.where(np.isin(verdicts, REFUTED_VERDICTS), 1.0, -1.0) * np.abs(distance)
                     distance = np.where(verdicts == "none", np.nan, distance)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
-                    deviation = deviation * np.sqrt(1.0 + table.trials[:, places[0]] / claim.trials)
-                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
+                    deviation = deviation * np.sqrt(1.0 + table.trials[:, place] / claim.trials)
+                found[label] = np.array([distance, np.hypot(deviation, half_digit(claim, index) / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
 
     def implausibility(self, table: Universes) -> np.ndarray:
@@ -125,73 +116,43 @@ class Matching:
             mean, error = emulated(features[use], missing[use], wanted)
             spread = np.hypot(error, np.median(deviation[use]))
             distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
-        worst = np.max(list(distances.values()), axis=0) if distances else np.zeros(CANDIDATES)
+        worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
-        own = self.implausibility(table)
-        best = int(np.nanargmin(own)) if np.isfinite(own).any() else -1
-        wave = Wave(
-            volume=len(left) / CANDIDATES,
-            computed=len(table.number),
-            nearest=float(own[best]) if best >= 0 else math.nan,
-            its=int(table.number[best]) if best >= 0 else -1,
-            shares={one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)},
-            contradicting=() if len(left) else self._contradicting(distances),
-        )
-        return wave, left
-
-    def next_universes(self, left: np.ndarray, count: int, first: int, wave: int) -> list[Universe]:
-        """Return the universes of a wave at the first of the points that are left, numbered from `first`."""
-        return [
-            Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=wave)
-            for k, point in enumerate(left[:count])
-        ]
+        shares = {one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)}
+        return Wave(len(left) / CANDIDATES, shares, () if len(left) else self._contradicting(distances)), left
 
     def waves(self, table: Universes) -> list[Wave]:
         """Return what each wave ruled out by which universes of a table were computed."""
         table = selected(table, table.seed == 0)
         return [self.wave(selected(table, table.wave <= k), k)[0] for k in range(1 + int(table.wave.max()))]
 
-    def run(
-        self, table: Universes, compute: Callable[[list[Universe]], Universes], join, count: int, most: int
-    ) -> tuple[list[Wave], Universes]:
-        """Return the waves, and the table with their universes.
+    def extended(self, table: Universes, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
+        """Return a table with the universes of waves, and the best of all again with other random numbers.
 
         Args:
             table: universes that fill the space.
             compute: computes universes.
-            join: joins tables.
             count: universes of a wave.
-            most: waves at most.
 
         """
-        waves: list[Wave] = []
-        while True:
-            wave, left = self.wave(selected(table, table.seed == 0), len(waves))
-            waves.append(wave)
-            nothing_new = len(waves) > 1 and wave.volume > 0.9 * waves[-2].volume
-            if len(waves) > most or nothing_new or not len(left):
-                return waves, table
-            first = FIRST_OF_WAVES + count * (len(waves) - 1)
-            table = join([table, compute(self.next_universes(left, count, first, len(waves)))])
-
-    def extended(self, table: Universes, evaluator: Evaluator, count: int) -> Universes:
-        """Return a table with the universes of waves, and the best of all again with other random numbers.
-
-        count: universes of a wave.
-        """
-
-        def compute(universes: list[Universe]) -> Universes:
-            title = f"{evaluator.paper.slug}, wave {universes[0].wave}"
-            return tabulated(evaluator, universes, title)
-
-        _, table = self.run(table, compute, gathered, count, MOST)
-        own = self.implausibility(table)
+        before = math.inf
+        for number in range(1, MOST + 1):
+            wave, left = self.wave(selected(table, table.seed == 0), number - 1)
+            if not len(left) or wave.volume > 0.9 * before:
+                break
+            before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
+            universes = [
+                Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=number)
+                for k, point in enumerate(left[:count])
+            ]
+            table = gathered([table, compute(universes)])
+        own = np.where(table.seed == 0, self.implausibility(table), np.nan)
         if not np.isfinite(own).any():
             return table
-        at = int(np.nanargmin(np.where(table.seed == 0, own, np.nan)))
+        at = int(np.nanargmin(own))
         assignment = decoded(self.choices, table.assignment[at])
         again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
-        return table if again.number in table.number else gathered([table, tabulated(evaluator, [again])])
+        return table if again.number in table.number else gathered([table, compute([again])])
 
     def _points(self, table: Universes) -> np.ndarray:
         """Universes as points of the unit cube (universe, varied)."""
@@ -201,13 +162,10 @@ class Matching:
     def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
         """The fewest headlines, one or two, that no candidate fulfils together; else all."""
         allowed = {label: distance < SIGMAS for label, distance in distances.items()}
-        for label, one in allowed.items():
-            if not one.any():
-                return (label,)
-        for first, one in allowed.items():
-            for second, other in allowed.items():
-                if first < second and not (one & other).any():
-                    return first, second
+        pairs = (pair for pair in itertools.product(allowed, repeat=2) if pair[0] < pair[1])
+        for those in (*itertools.product(allowed), *pairs):
+            if not np.all([allowed[label] for label in those], axis=0).any():
+                return those
         return tuple(allowed)
 
 
@@ -220,6 +178,8 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         wanted: features of the points to predict (m, n).
 
     """
+    unit = 2.0 ** (math.frexp(np.abs(values).max())[1] - 1)  # squares of a number that diverges would be infinite
+    values = values / unit
     mean, scale = values.mean(), values.std() or 1.0
     u, s, vt = np.linalg.svd(features, full_matrices=False)
     scaled = (values - mean) / scale
@@ -231,7 +191,7 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         left_out = float(np.sqrt(np.mean(((scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)) ** 2)))
         if left_out < best[0]:
             best = left_out, vt.T @ ((s / (s * s + ridge)) * (u.T @ scaled))
-    return mean + scale * (wanted @ best[1]), scale * best[0]
+    return unit * (mean + scale * (wanted @ best[1])), unit * scale * best[0]
 
 
 def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:

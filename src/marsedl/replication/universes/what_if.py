@@ -106,7 +106,7 @@ def drawn(evaluator: Evaluator, stem: str, assignment: Mapping[str, object], inp
 
 def _moved(evaluator: Evaluator, name: str, label: str, index: tuple, before: Outcome, after: Outcome) -> Moved:
     nothing = (math.nan, 0.0, math.nan)
-    old, new = ((one.numbers or {}).get(index, nothing) for one in (before, after))
+    old, new = (one.numbers.get(index, nothing) for one in (before, after))
     size = size_of_change(old, new, half_digit(evaluator.published[name], index))
     error = math.hypot(old[1] or 0.0, new[1] or 0.0)
     return Moved(name, label, old[0], new[0], error, before.verdict, after.verdict, size, after.sentence)
