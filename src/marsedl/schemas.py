@@ -88,20 +88,18 @@ def _head(name: str, title: str) -> dict:
 # ----------------------------------------------------------------------------------------------------------- the claims
 
 
+class _ClaimsSchema(_Schema):
+    """Without titles that repeat the names of types, too."""
+
+    def model_schema(self, schema):
+        return {key: value for key, value in super().model_schema(schema).items() if key != "title"}
+
+
 def claims_schema() -> dict:
     """Return the JSON Schema of `report/claims.json`."""
-    schema = TypeAdapter(list[Claim]).json_schema(mode="serialization")
+    schema = TypeAdapter(list[Claim]).json_schema(mode="serialization", schema_generator=_ClaimsSchema)
     text = "The claims of a build: papers in alphabetical order, a paper's claims in the order of its file."
-    return {**_head("claims", "Claims of a build"), "description": text, **_untitled(schema)}
-
-
-def _untitled(schema: Any) -> Any:
-    """Return a schema without titles that repeat the names of keys, and without defaults: all keys are written."""
-    if isinstance(schema, list):
-        return [_untitled(entry) for entry in schema]
-    if not isinstance(schema, dict):
-        return schema
-    return {k: _untitled(v) for k, v in schema.items() if k != "default" and not (k == "title" and isinstance(v, str))}
+    return {**_head("claims", "Claims of a build"), "description": text, **schema}
 
 
 if __name__ == "__main__":

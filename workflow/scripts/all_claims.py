@@ -1,6 +1,7 @@
 """Join the claims of all papers with counterexamples and what universes say, and count their verdicts on a badge."""
 
-from marsedl.replication.claims.rows import read_claims, read_counterexamples, read_standings, write_claims
+from marsedl.replication.claims.claim import Counterexample, Standing
+from marsedl.replication.claims.rows import read_claims, read_parts, write_claims
 from marsedl.replication.files import write_json
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.report.front_page import badge
@@ -9,7 +10,7 @@ with guarded(snakemake):
     rows = []
     files = snakemake.input
     for claims, *beside in zip(files.claims, files.counterexamples, files.universes, strict=True):
-        turned, standings = read_counterexamples(beside[0]), read_standings(beside[1])
+        turned, standings = read_parts(Counterexample, beside[0]), read_parts(Standing, beside[1])
         rows += [
             row.model_copy(update={"counterexample": turned.get(row.id), "universes": standings.get(row.id)})
             for row in read_claims(claims)

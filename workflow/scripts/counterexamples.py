@@ -1,7 +1,7 @@
 """Turn every counted claim of one paper by its counterexample, and write by how much."""
 
 from marsedl.replication.claims.printed import load_measured, published_of
-from marsedl.replication.claims.rows import read_claims, write_counterexamples
+from marsedl.replication.claims.rows import read_claims, write_parts
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.pipeline.jobs import guarded
 
@@ -11,4 +11,4 @@ with guarded(snakemake) as job:
     [given] = job.readings().values()
     rows = read_claims(snakemake.input.claims)
     turned = claims_of(job.paper).turned(rows, given, published, measured=measured[0])
-    write_counterexamples(turned, snakemake.output[0])
+    write_parts(turned, snakemake.output[0])

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from marsedl.replication.claims import committed
-from marsedl.replication.claims.claim import Claim
+from marsedl.replication.claims.claim import Claim, Counterexample
 from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
-from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
+from marsedl.replication.claims.rows import read_claims, read_parts, unexplained
 from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
@@ -408,7 +408,7 @@ def _found(build: Path, shared: Shared, folder: Path | None) -> dict[str, dict |
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
     entries = fingerprints(build, slug, files)
     if folder is None:
-        turned = read_counterexamples(build / f"report/counterexamples/{slug}.json")
+        turned = read_parts(Counterexample, build / f"report/counterexamples/{slug}.json")
         entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
     return entries
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, Claim, Counterexample
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.pipeline.injection import LARGE, Arguments
+from marsedl.replication.pipeline.injection import LARGE, Arguments, Missing
 from marsedl.replication.records.fields import layout, quantities
 
 AMOUNTS = np.geomspace(1e-4, 9.0, 12)  # tried one after the other, in both directions
@@ -47,18 +47,23 @@ class Perturbation:
     def turning_point(self, judge: Callable[[Arguments], tuple], given: Arguments) -> Counterexample | None:
         """Return the least change, of those that are tried, which turns a verdict; None if none does.
 
-        judge: returns the verdict, and what else may turn, or raises ValueError if nothing can be judged. Raises
-        InputError if there is no such field, component or measurement.
+        judge: returns the verdict, and what else may turn; it may fail where nothing can be judged. Raises InputError
+        if there is no such field, component or measurement.
         """
-        before = judge(given)
+
+        def judged(amount: float) -> tuple | None:
+            try:
+                return judge(self.applied(given, amount) if amount else given)
+            except (Missing, ValueError, ArithmeticError):
+                return None  # nothing to judge
 
         def turned(amount: float) -> tuple | None:
-            try:
-                after = judge(self.applied(given, amount))
-            except (ValueError, ArithmeticError, np.linalg.LinAlgError):
-                return None  # nothing left to judge
+            after = judged(amount)
             return after if after != before else None
 
+        before = judged(0.0)
+        if before is None:
+            return None
         if self.change == "replaced":
             return self._result(f"{self.other}", turned(1.0))
         toward_another = self.change == "blended"

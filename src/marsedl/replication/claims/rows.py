@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -28,6 +29,7 @@ from marsedl.replication.records.tables import Column, csv_text, table
 if TYPE_CHECKING:
     import pandas as pd
 
+_Kind = TypeVar("_Kind", Counterexample, Standing)
 _EVALUATIONS = TypeAdapter(dict[str, dict[str, Evaluation | None]], config=ConfigDict(ser_json_inf_nan="constants"))
 
 
@@ -44,24 +46,14 @@ def read_claims(path: str | Path) -> list[Claim]:
     return _read(list[Claim], path)
 
 
-def write_counterexamples(counterexamples: Mapping[str, Counterexample | None], path: str | Path) -> None:
-    """Write the counterexamples of a paper's counted claims as JSON."""
-    write_json({name: turned and turned.written() for name, turned in counterexamples.items()}, path)
+def write_parts(parts: Mapping[str, Counterexample | Standing | None], path: str | Path) -> None:
+    """Write a part of each claim of a paper as JSON: its counterexample, or what universes say of it."""
+    write_json({name: part and part.written() for name, part in parts.items()}, path)
 
 
-def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
-    """Read the counterexamples of a paper's counted claims; raises ArtifactError as `read_claims`."""
-    return _read(dict[str, Counterexample | None], path)
-
-
-def write_standings(standings: Mapping[str, Standing], path: str | Path) -> None:
-    """Write what universes say of a paper's claims as JSON."""
-    write_json({name: one.written() for name, one in standings.items()}, path)
-
-
-def read_standings(path: str | Path) -> dict[str, Standing]:
-    """Read what `write_standings` wrote; raises ArtifactError as `read_claims`."""
-    return _read(dict[str, Standing], path)
+def read_parts(kind: type[_Kind], path: str | Path) -> dict[str, _Kind | None]:
+    """Read what `write_parts` wrote; raises ArtifactError as `read_claims`."""
+    return _read(dict[str, kind | None], path)
 
 
 def write_evaluations(evaluations: Mapping[str, Mapping[str, Evaluation | None]], path: str | Path) -> None:
@@ -88,15 +80,10 @@ def _read(kind: Any, path: str | Path) -> Any:
 def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
     """Return claims as a long table: a row for each component of a claim in each reading.
 
-    Args:
-        rows: claims from `collect` or `read_claims`.
-
-    Returns:
-        The columns paper, claim, component (its place, counted from 1: "[2]", "[2,1]" in a matrix; none of a single
-        number), reading, value, standard_error, printed, verdict (on this component in that reading), claim_verdict (on
-        the whole claim), trials, unit (of value, standard error and printed). Of statements, value and printed are 1
-        for true and 0 for false.
-
+    The columns are paper, claim, component (its place, counted from 1: "[2]", "[2,1]" in a matrix; none of a single
+    number), reading, value, standard_error, printed, verdict (on this component in that reading), claim_verdict (on the
+    whole claim), trials, unit (of value, standard error and printed). Of statements, value and printed are 1 for true
+    and 0 for false.
     """
     cells = []
     for row in rows:
@@ -123,31 +110,23 @@ def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
 
 
 def write_table_of_claims(rows: Sequence[Claim], long: str | Path, wide: str | Path) -> None:
-    """Write claims as a table: `long` with a row for each number (CSV), `wide` with one for each claim (Markdown)."""
+    """Write a paper's claims as a table: `long` with a row for each number (CSV), `wide` for each claim (Markdown).
+
+    The wide one is for readers: what is printed, every reading's value and verdict, the reason.
+    """
     write_text(long, csv_text(claims_table(rows)))
-    write_text(wide, claims_markdown(rows))
-
-
-def claims_markdown(rows: Sequence[Claim]) -> str:
-    """Return claims as a table for readers: what is printed, every reading's value and verdict, the reason."""
-    readings = list(dict.fromkeys(name for row in rows for name in row.readings))
     shown = ["paper", "id", "where", "quantity", "unit", "kind"]
+    readings = list(rows[0].readings)
     # not "printed", which is the name of a reading
     header = [*shown, "in the paper", *(text for name in readings for text in (name, f"{name} verdict"))]
-    table = []
+    lines = [[*header, "verdict", "reason"], ["---"] * (len(header) + 2)]
     for row in rows:
         cells = [getattr(row, key) for key in shown]
         cells.append("; ".join(format_lines(row.printed, resolution=row.resolution)))
         for name in readings:
-            cells += ["; ".join(format_result(row, name)), _verdict_cell(row, name)]
-        table.append([*cells, row.verdict, row.reason])
-    lines = [[*header, "verdict", "reason"], ["---"] * (len(header) + 2), *table]
-    return "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
-
-
-def _verdict_cell(row: Claim, reading: str) -> str:
-    result = row.readings.get(reading)
-    return NOT_EVALUATED if result is None or result.verdict is None else result.verdict
+            cells += ["; ".join(format_result(row, name)), row.readings[name].verdict or NOT_EVALUATED]
+        lines.append([*cells, row.verdict, row.reason])
+    write_text(wide, "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines))
 
 
 def _markdown_cell(text: str) -> str:
@@ -166,13 +145,10 @@ def summary(rows: Iterable[Claim]) -> dict[str, dict[str, int]]:
     Returns `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed
     numbers and statements apart, and what is listed and never counted.
     """
-    found = [(STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows]
+    found = Counter((STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows)
 
-    def count(names: Iterable[str], kinds: Iterable[str] = (NUMBERS, STATEMENTS)) -> dict[str, int]:
-        return {verdict: sum(found.count((kind, verdict)) for kind in kinds) for verdict in names}
+    def every(verdicts: Iterable[str]) -> dict[str, int]:
+        return {verdict: found[NUMBERS, verdict] + found[STATEMENTS, verdict] for verdict in verdicts}
 
-    return {
-        "counted": count(COUNTED_VERDICTS),
-        **{kind: count(names, [kind]) for kind, names in VERDICTS_OF.items()},
-        "listed": count(LISTED_VERDICTS),
-    }
+    of_kinds = {kind: {verdict: found[kind, verdict] for verdict in of} for kind, of in VERDICTS_OF.items()}
+    return {"counted": every(COUNTED_VERDICTS), **of_kinds, "listed": every(LISTED_VERDICTS)}

@@ -25,6 +25,7 @@ from marsedl.replication.claims.claim import (
     Result,
     Tolerance,
 )
+from marsedl.replication.claims.counterexamples import Perturbation
 from marsedl.replication.claims.numbers import broadcast, finite_values, flatten, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.quotes import with_own_numbers
@@ -79,11 +80,9 @@ class Declaration:
     choices: tuple[str, ...] = ()  # choices of the paper, by name, that may explain a difference
     close: Tolerance | None = None
     by_construction: str = ""  # why the claim cannot fail
-
-    @property
-    def explains(self) -> bool:
-        """Whether it explains a difference: in words, with an erratum or a choice."""
-        return bool(self.reason.strip() and (self.errata or self.choices))
+    counterexample: Perturbation | None = None  # the change that turns the verdict
+    function: Callable | None = None  # that evaluates the claim
+    options: Mapping[str, object] = field(default_factory=dict)  # of its keyword-only parameters
 
 
 def collect(
@@ -125,7 +124,8 @@ def collect(
         verdict, margin = results[first].verdict, results[first].margin
         if verdict is None:
             raise InputError(f"{where}: not evaluated in reading {first}, so it has no verdict")
-        unexplained = verdict in REFUTED_VERDICTS and not declaration.explains
+        explained = declaration.reason.strip() and (declaration.errata or declaration.choices)
+        unexplained = verdict in REFUTED_VERDICTS and not explained
         if unexplained and require_reasons:
             raise InputError(
                 f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {evaluations[first].value!r})"
@@ -218,8 +218,7 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     if any(part.margin is None for part in deciding):
         return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
     if verdict == "undetermined":
-        more = max(part.more for part in deciding)
-        trials = settling(more * evaluation.trials) if more > 1.0 else None
+        trials = settling(max(part.more for part in deciding), evaluation.trials)
         judged["doubts"] = (Doubt(why="our sampling error decides", trials=trials),)
     nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.distance)
     worst = max(parts, key=lambda index: abs(parts[index].z))
@@ -228,9 +227,9 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     return judged | {"margin": nearest_one.margin}
 
 
-def settling(trials: float) -> int:
-    """Round a number of trials that would settle a verdict to two digits."""
-    return int(float(f"{trials:.2g}"))
+def settling(more: float, trials: int | None) -> int | None:
+    """Return so many times our trials, which would settle a verdict, to two digits; None if trials do not."""
+    return int(float(f"{more * trials:.2g}")) if trials and more > 1.0 else None
 
 
 class _Compared(NamedTuple):
@@ -270,12 +269,12 @@ def _compared(value, printed, half, error, paper_error, bound) -> _Compared:
         standard_error=combined,
     )
     if error and abs(size - tolerance) < error:
-        undecided = [
-            abs(size - half - SIGMAS * math.hypot(error / math.sqrt(more), paper_error)) < error / math.sqrt(more)
-            for more in _MORE
-        ]
-        more = 1.0 if all(undecided) else _MORE[undecided.index(False)]
-        return _Compared("undetermined", z, margin, distance, more)
+
+        def decide(more: float) -> bool:
+            less = error / math.sqrt(more)
+            return abs(size - half - SIGMAS * math.hypot(less, paper_error)) >= less
+
+        return _Compared("undetermined", z, margin, distance, next(filter(decide, _MORE), 1.0))
     if size <= tolerance:
         return _Compared("reproduced", z, margin, distance)
     verdict = "close" if bound is not None and size <= bound * (1 + 1e-9) else "differs"

@@ -30,7 +30,7 @@ import pkgutil
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, partialmethod
+from functools import cache, partial, partialmethod
 from importlib import import_module
 
 import numpy as np
@@ -98,12 +98,13 @@ def holds(*parts: "Test | str", trials: int | None = None, by_construction: str 
     value = all(test.passed for test in tests)
     # One test that fails for certain decides, whatever the others are.
     certain = any(not test.passed and not test.doubt for test in tests)
-    doubts = () if certain else tuple(test.doubt_after(trials) for test in tests if test.doubt)
+    in_doubt = () if certain else [test for test in tests if test.doubt]
+    doubts = [test.doubt.model_copy(update={"trials": settling(test.more, trials)}) for test in in_doubt]
     # Of those passed the nearest to its limit decides, of those failed the furthest from it.
     margins = [test.margin for test in tests if test.margin and test.passed == value]
     margin = (min if value else max)(margins, key=lambda margin: margin.distance, default=None)
     evidence = [part if isinstance(part, str) else part.sentence for part in parts]
-    return Evaluation(value, None, trials, evidence, numbers, False, doubts, margin, by_construction)
+    return Evaluation(value, None, trials, evidence, numbers, False, tuple(doubts), margin, by_construction)
 
 
 @dataclass(frozen=True)
@@ -127,11 +128,6 @@ class Test:
         doubt = None if sure else self.doubt or other.doubt
         sentence = f"{self.sentence}, or {other.sentence}"
         return Test(self.passed or other.passed, sentence, doubt, max(self.more, other.more), better.margin)
-
-    def doubt_after(self, trials: int | None) -> Doubt:
-        """Return why the test is in doubt, and how many trials would settle it if noise is the reason."""
-        known = trials and self.more > 1.0
-        return self.doubt.model_copy(update={"trials": settling(self.more * trials) if known else None})
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,16 +267,6 @@ def _texts(value: object, limit: object) -> tuple[str, str]:
 # ----------------------------------------------------------------------------------------------------- a paper's claims
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Claim(Declaration):
-    """One claim of a function, with what is stated about it."""
-
-    id: str
-    function: Callable
-    options: Mapping[str, object]
-    counterexample: Perturbation | None
-
-
 def claim(
     reason: str = "",
     *,
@@ -300,18 +286,9 @@ def claim(
     """
 
     def mark(function: Callable) -> Callable:
-        marked = _Claim(
-            " ".join(reason.split()),
-            tuple(errata.split()),
-            tuple(choices.split()),
-            close,
-            by_construction,
-            id=name or function.__name__,
-            function=function,
-            options=options,
-            counterexample=counterexample,
-        )
-        function.claims = [marked, *getattr(function, "claims", [])]
+        text, named = " ".join(reason.split()), [tuple(names.split()) for names in (errata, choices)]
+        declared = Declaration(text, *named, close, by_construction, counterexample, function, options)
+        function.claims = [(name or function.__name__, declared), *getattr(function, "claims", [])]
         return function
 
     return mark
@@ -323,16 +300,16 @@ class Claims:
     def __init__(self, package: str, model: type[Inputs]):
         """Take the package with the paper's claims, and its inputs; raises InputError if two claims have one id."""
         self._model = model
-        self.declarations: dict[str, _Claim] = {}
+        self.declarations: dict[str, Declaration] = {}
         self._providers: dict[type, Callable] = {}
         folder = import_module(package)
         for module in [import_module(f"{package}.{found.name}") for found in pkgutil.iter_modules(folder.__path__)]:
             for function in filter(inspect.isfunction, vars(module).values()):
                 if function.__module__ != module.__name__:
                     continue
-                for marked in getattr(function, "claims", ()):
-                    if self.declarations.setdefault(marked.id, marked) is not marked:
-                        raise InputError(f"{marked.id}: two functions are claims of this id; rename one")
+                for name, declared in getattr(function, "claims", ()):
+                    if self.declarations.setdefault(name, declared) is not declared:
+                        raise InputError(f"{name}: two functions are claims of this id; rename one")
                 kind = typing.get_type_hints(function).get("return")
                 shared = isinstance(kind, type) and kind.__module__.startswith(package)
                 if shared and self._providers.setdefault(kind, function) is not function:
@@ -393,27 +370,24 @@ class Claims:
         """
         asked, turned = self.asking(given, published, **further), {}
         for row in rows:
-            change = row.id in self.declarations and self.declarations[row.id].counterexample
             if row.verdict not in COUNTED_VERDICTS or row.kind == UNDECIDED:
                 continue
-            if not change or change.change != "in_reading":
-                turned[row.id] = self._turned(row.id, change, asked) if change else None
+            change = self.declarations[row.id].counterexample
+            if change is None:
+                turned[row.id] = None
+            elif change.change != "in_reading":
+                turned[row.id] = change.turning_point(partial(self._verdict, row.id), asked)
             elif change.target in row.readings:
                 turned[row.id] = change.elsewhere(row)
         return turned
 
-    def _turned(self, name: str, change: Perturbation, asked: Arguments) -> Counterexample | None:
-        def judged(asked: Arguments) -> tuple:
-            evaluation = self.evaluate_one(name, asked)
-            if evaluation.failed or not is_finite(evaluation.value):
-                raise ValueError(f"{name}: nothing to judge")
-            result = judge(asked.further["published"][name], evaluation, self.declarations[name])
-            return result.verdict, result.components
-
-        try:
-            return change.turning_point(judged, asked)
-        except (Missing, ValueError):
-            return None  # the claim fails as a whole in this reading
+    def _verdict(self, name: str, asked: Arguments) -> tuple:
+        """The verdict on a claim and on its components; raises ValueError if there is nothing to judge."""
+        evaluation = self.evaluate_one(name, asked)
+        if evaluation.failed or not is_finite(evaluation.value):
+            raise ValueError(f"{name}: nothing to judge")
+        result = judge(asked.further["published"][name], evaluation, self.declarations[name])
+        return result.verdict, result.components
 
 
 @cache
