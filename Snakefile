@@ -37,6 +37,14 @@ onstart:
         workflow.scheduler.job_rate_limiter = None
 
 
+onerror:
+    # Words of Snakemake's own follow the message of a failed job, so all of them are said again at the very end.
+    from marsedl.replication.pipeline.jobs import failure
+
+    failed = sorted({path for job in workflow.scheduler.failed for path in job.log})
+    atexit.register(print, *["", *filter(None, map(failure, map(Path, failed)))], sep="\n", end="", file=sys.stderr)
+
+
 rule all:
     default_target: True
     input:

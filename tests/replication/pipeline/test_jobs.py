@@ -193,6 +193,8 @@ def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys
     assert f"(log: {tmp_path / 'logs' / 'gains.log'})" in message
     assert "Traceback" not in message
     assert "Traceback" in (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8")
+    assert jobs.failure(tmp_path / "logs" / "gains.log") == message.strip("\n") + "\n"
+    assert jobs.failure(tmp_path / "logs" / "another.log") == ""
 
 
 @pytest.mark.parametrize("kept", [True, False])

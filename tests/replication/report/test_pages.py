@@ -442,7 +442,7 @@ def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, 
                 assert line == "Nothing that we varied by itself explains it"
             else:
                 assert line.startswith(f"Choice {expected} (not printed) moves it most towards ")
-                assert f"from 5.00 to {5 + cause.size:.2f}" in line
+                assert f": its values give 5.00 to {5 + cause.size:.2f}" in line
 
 
 def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():

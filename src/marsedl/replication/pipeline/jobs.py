@@ -105,7 +105,7 @@ def parameter_of(path: str) -> str:
 
 @contextlib.contextmanager
 def guarded(snakemake) -> Iterator[Job]:
-    """Run a job's body: tracebacks go to its log; a failure prints one message that names job and log."""
+    """Run a job's body: a failure prints one message that names job and log, which gets the traceback and it."""
     log, job = Path(snakemake.log[0]), Job(snakemake)
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -115,14 +115,19 @@ def guarded(snakemake) -> Iterator[Job]:
         with _recorded(*job.made.get("record", ())):
             yield job
     except Exception as error:
-        with contextlib.suppress(OSError):  # a full disk must not hide the error itself
-            log.write_text(traceback.format_exc())
         folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).resolve().parents[1])
         place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading, "job": log.stem}
         where = ", ".join(f"{what} {value}" for what, value in place.items() if value)
         message = f"\n{where}: {_described(error, snakemake)}\n(log: {Path(folder) / log})\n"
+        with contextlib.suppress(OSError):  # a full disk must not hide the error itself
+            log.write_text(f"{traceback.format_exc()}{message}", encoding="utf-8")
         print(message, file=sys.stderr)
         sys.exit(1)
+
+
+def failure(log: Path) -> str:
+    """Return the message of a failed job, the last paragraph of its log; empty if it wrote none."""
+    return log.read_text(encoding="utf-8").rpartition("\n\n")[2] if log.exists() else ""
 
 
 @contextlib.contextmanager

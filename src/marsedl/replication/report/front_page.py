@@ -42,11 +42,14 @@ def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
     with the numbers of their texts.
     """
     papers = [(paper, committed_claims(root, paper.slug)) for paper in papers]
+    every = [row for _, rows in papers for row in rows]
+    of = counted(every)
     blocks = {
-        "answers": "".join(_answer(paper, rows) for paper, rows in papers),
+        "answers": f"**{of.of_headline}**; {of.of_numbers}; {of.of_statements}.\n\n"
+        + "".join(_answer(paper, rows) for paper, rows in papers),
         "words": "".join(f"- **{word[0].upper()}{word[1:]}**: {meaning}\n" for word, meaning in words().items()),
     }
-    text = _COUNTS.sub(badge([row for _, rows in papers for row in rows]), text)
+    text = _COUNTS.sub(badge(every), text)
     return _BLOCK.sub(lambda block: f"{block[1]}{blocks[block[2]]}{block[3]}", text)
 
 

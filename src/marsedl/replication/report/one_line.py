@@ -72,7 +72,7 @@ def cause(row: Claim, found: tuple[Choice, float, float, str] | None = None) -> 
     choice, low, high, unit = found
     kind = f"erratum {choice.erratum}" if choice.erratum else _CLASSES[choice.kind]
     ends = [near(end, high - low) for end in (low, high) if math.isfinite(low)]
-    reach = f", from {ends[0]} to {with_unit(ends[1], unit)}" if len(set(ends)) > 1 else ""
+    reach = f": its values give {ends[0]} to {with_unit(ends[1], unit)}" if len(set(ends)) > 1 else ""
     return f"{in_words(name).capitalize()} ({kind}) moves it most towards {towards}{reach}"
 
 
