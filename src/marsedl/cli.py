@@ -349,20 +349,17 @@ def _compare(options) -> int:
     _say(*overview.compared(difference, published, as_json=options.json))
     names = "-".join(re.sub(r"\W+", "_", side.name) for side in reversed(sides))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
+    figures = project.folder / "figures"  # which this build makes
 
-    def own(picture: Path) -> str:
-        """The picture as a product of this build; empty for one of another build."""
-        inside = picture.is_relative_to(project.folder) and picture.relative_to(project.folder).as_posix()
-        return inside if inside and inside.startswith("figures/") else ""
+    def is_stale(picture: Path) -> bool:
+        product = picture.relative_to(project.folder).as_posix() if picture.is_relative_to(figures) else ""
+        return bool(product) and project.recipes.is_stale(product, project.folder)
 
-    absent = compare.write_page(
-        *(path, paper, difference, published),
-        lambda picture: bool(own(picture)) and project.recipes.is_stale(own(picture), project.folder),
-    )
+    absent = compare.write_page(path, paper, difference, published, is_stale)
     print(f"wrote {path}", file=sys.stderr)
     if absent:
-        products = " ".join(filter(None, map(own, absent)))
-        remedy = f"; run 'snakemake {products}{project.options}'" if products else ""
+        own = [one.relative_to(project.folder).as_posix() for one in absent if one.is_relative_to(figures)]
+        remedy = f"; run 'snakemake {' '.join(own)}{project.options}'" if own else ""
         print(f"without figures that are missing or not up to date{remedy}", file=sys.stderr)
     return 0
 
@@ -404,7 +401,7 @@ def _verify(options) -> int:
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
     made = {slug: project.made_from(slug) for slug in shared}
-    agree = reference.compare_reference(project.root, project.folder, shared, folder, made, all_of_them=options.all)
+    agree = reference.compare_reference(project.root, project.folder, shared, made, folder, all_of_them=options.all)
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 
@@ -423,7 +420,7 @@ def _accept(options) -> int:
 
     project, shared, folder = _up_to_date(options)
     made = {slug: project.made_from(slug) for slug in shared}
-    paths = reference.accept_reference(project.root, project.folder, shared, folder, made)
+    paths = reference.accept_reference(project.root, project.folder, shared, made, folder)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
         _say(*(f"wrote {path}" for path in universes.accept_universes(project.root, project.folder, shared)))
@@ -495,19 +492,8 @@ def _new_paper(options) -> int:
     return 0
 
 
-COMMANDS = {
-    "list": _list,
-    "explain": _explain,
-    "diff": _diff,
-    "trial": _trial,
-    "what-if": _what_if,
-    "compare": _compare,
-    "universe": _universe,
-    "verify": _verify,
-    "accept": _accept,
-    "readme": _readme,
-    "new-paper": _new_paper,
-}
+_FUNCTIONS = _list, _explain, _diff, _trial, _what_if, _compare, _universe, _verify, _accept, _readme, _new_paper
+COMMANDS = {function.__name__[1:].replace("_", "-"): function for function in _FUNCTIONS}
 
 if __name__ == "__main__":
     sys.exit(main())
