@@ -142,12 +142,11 @@ class Project:
             self.options += f" --configfile {shlex.quote(str(path))}"
 
     @cached_property
-    def _claims(self) -> list:
-        """The verdicts of all papers, of the last build of all; none if there is none."""
+    def _read_claims(self):
+        """Read the verdicts in a file once."""
         from marsedl.replication.claims.rows import read_claims
 
-        path = self.folder / "report" / "claims.json"
-        return read_claims(path) if path.exists() else []
+        return cache(read_claims)
 
     @cached_property
     def recipes(self):
@@ -162,35 +161,20 @@ class Project:
         """Raise StaleError, which names the command to run, if products of this size are not up to date."""
         self.recipes.check(products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
 
-    @cache  # noqa: B019 - a command makes one project
     def verdicts(self, slug: str) -> dict | None:
         """A paper's verdicts by the ids of its claims, of its last build alone or with all; None if there is none."""
-        from marsedl.replication.claims.rows import read_claims
-
-        rows = [row for row in self._claims if row.paper == slug]
-        both, own = (self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json"))
-        if own.exists() and not (rows and both.stat().st_mtime_ns >= own.stat().st_mtime_ns):
-            rows = read_claims(own)  # which knows no universes yet
-        return {row.id: row for row in rows} or None
-
-    def made_from(self, slug: str) -> dict:
-        """What a paper's build of this size is made from, as a reference stores it."""
-        from marsedl.replication.checks.reference import made_from
-
-        return made_from(self.root, _catalogue(slug), self.studies[slug], self.size)
+        files = [self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json")]
+        files = [path for path in files if path.exists()]
+        if not files:
+            return None
+        newest = max(files, key=lambda path: path.stat().st_mtime_ns)  # the first of equal ones, which knows universes
+        return {row.id: row for row in self._read_claims(newest) if row.paper == slug} or None
 
     def published(self, slug: str) -> list:
         """The printed claims of a paper."""
         from marsedl.replication.claims.printed import load_published
 
         return load_published(self.root / "data" / "published" / f"{slug}.yaml")
-
-    def reading(self, slug: str, name: str):
-        """A reading of a paper; raises InputError if there is none of this name."""
-        readings = self.studies[slug].readings
-        if name not in readings:
-            raise InputError(f"{slug} has no reading '{name}'; {nearest(name, readings)}")
-        return readings[name]
 
     def quotes(self, slug: str, reading: str = CORRECTED):
         """The numbers of this size that texts of a paper can quote."""
@@ -261,7 +245,7 @@ def _explain(options) -> int:
     """
     paper, name = _catalogue(options.paper), options.item
     slug, project = paper.slug, Project(options.size, options.configfile)
-    reading = project.reading(slug, options.reading)
+    reading = project.studies[slug].reading(options.reading)
     claims = {claim.id: claim for claim in project.published(slug)}
     kinds = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)]
     if name is None:
@@ -270,7 +254,7 @@ def _explain(options) -> int:
         _say(*overview.explained_claim(project, claims[name], evidence=options.evidence))
     elif kinds:
         full = project if project.size == FULL else Project(FULL, options.configfile)
-        quoted, unlimited = project.paper(slug, reading.name), full.reading(slug, reading.name).inputs
+        quoted, unlimited = project.paper(slug, reading.name), full.studies[slug].reading(reading.name).inputs
         _say(*overview.explained_item(project, quoted, reading, unlimited, name, kinds))
     else:
         names = [*paper.figures, *paper.tables, *paper.stages, *claims]
@@ -299,11 +283,11 @@ def _trial(options) -> int:
 
     numerics.pin_numerics(project_root())
     paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
-    cases = project.reading(paper.slug, options.reading).inputs.CASES
+    study = project.studies[paper.slug]
+    cases = study.reading(options.reading).inputs.CASES
     if not cases:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
     trial = options.case or next(iter(cases)), options.number
-    study = project.studies[paper.slug]
     _say(runner.replay(project.folder, paper, study, options.reading, trial, project.options))
     return 0
 
@@ -392,15 +376,11 @@ def _verify(options) -> int:
     """
     if options.numbers:
         return _numbers(options)
-    from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference, twice, universes
 
-    size = Project(options.size, options.configfile).size
-    reference.check_size(project_root(), options.paper or SLUGS, options.reference, size)
-    project, shared, folder = _up_to_date(options)
+    project, shared, made, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
-    made = {slug: project.made_from(slug) for slug in shared}
     agree = reference.compare_reference(project.root, project.folder, shared, made, folder, all_of_them=options.all)
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
@@ -418,8 +398,7 @@ def _accept(options) -> int:
     from marsedl.replication.checks import reference, universes
     from marsedl.replication.claims import quotes
 
-    project, shared, folder = _up_to_date(options)
-    made = {slug: project.made_from(slug) for slug in shared}
+    project, shared, made, folder = _up_to_date(options)
     paths = reference.accept_reference(project.root, project.folder, shared, made, folder)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
@@ -444,12 +423,13 @@ def _numbers(options) -> int:
     return 0 if numbers.compare_numbers(*files, numbers.tolerance_of(options.tolerance)) else 1
 
 
-def _up_to_date(options) -> tuple[Project, dict, Path | None]:
-    """The project, which reading owns each artifact by paper, and the folder of a user's own reference.
+def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
+    """The project; by paper, which reading owns each artifact and what it is made from; the user's own reference.
 
     Raises StaleError, with the command that helps, if claims or what they are made from are not up to date.
     """
     from marsedl.papers import SLUGS
+    from marsedl.replication.checks import reference
 
     needed = ["paper", "size", *["configfile"] * (options.command == "accept")]
     given = [name for name in needed if getattr(options, name)]
@@ -457,10 +437,14 @@ def _up_to_date(options) -> tuple[Project, dict, Path | None]:
         raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
     project = Project(options.size, options.configfile)
+    if options.command == "verify":
+        reference.check_size(project.root, papers, options.reference, project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]
     project.check(targets, "all" if options.reference is None else "")
     shared = {slug: project.recipes.shared[slug] for slug in papers}
-    return project, shared, options.reference and options.reference.absolute()
+    made = {slug: reference.made_from(project.root, _catalogue(slug), project.studies[slug], project.size)
+            for slug in papers}  # fmt: skip
+    return project, shared, made, options.reference and options.reference.absolute()
 
 
 def _readme(options) -> int:

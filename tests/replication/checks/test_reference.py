@@ -59,9 +59,8 @@ def project(tmp_path, monkeypatch):
     made = {SLUG: copy.deepcopy(MADE)}
     reference.accept_reference(tmp_path, tmp_path, owned(), made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
-    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None, made_from=made.get)
-    monkeypatch.setattr(cli, "Project", lambda size, config_file: SimpleNamespace(size="full"))
-    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), None))
+    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
+    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
     monkeypatch.chdir(tmp_path)
@@ -139,9 +138,8 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 
 
 def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
-    entries = reference.fingerprints(
-        read_claims(project / f"report/claims/{SLUG}.json"), {"corrected/nominal": project / ARTIFACT}
-    )
+    rows = read_claims(project / f"report/claims/{SLUG}.json")
+    entries = reference.fingerprints(rows, {"corrected/nominal": project / ARTIFACT})
     assert set(entries) == {
         "verdicts/final_mass",
         "published/final_mass",

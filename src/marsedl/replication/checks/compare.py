@@ -13,7 +13,7 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
-from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
@@ -165,9 +165,7 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
             raise InputError(f"'{name}': write universe:NUMBER or FOLDER:universe:NUMBER, such as universe:12")
         return Path(folder[:-1]) if folder else None, int(number)
     folder, _, reading = name.rpartition(":")
-    if reading not in study.readings:
-        raise InputError(f"{study.paper} has no reading '{reading}'; {nearest(reading, study.readings)}")
-    return Path(folder) if folder else None, reading
+    return Path(folder) if folder else None, study.reading(reading).name
 
 
 def side_of(of: str | int, study: Study, build: Path) -> Side:

@@ -41,7 +41,7 @@ _ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
 
 
-def fingerprints(rows: Iterable[Claim], cached: Mapping[str, Path]) -> dict[str, dict | str]:
+def fingerprints(rows: Sequence[Claim], cached: Mapping[str, Path]) -> dict[str, dict | str]:
     """Reduce a build of a paper to what is compared, by name: of artifacts, the moments of every field.
 
     rows: the paper's claims. cached: files of artifacts by "reading/artifact"; several readings may share one.
@@ -221,7 +221,7 @@ def _described(entry: Mapping | None, moment: int) -> str:
     return f"shape {entry['shape']}, {f'{MOMENTS[moment]} {number[0]}' if number else 'no finite number'}"
 
 
-def format_changes(comparison: Comparison, rows: Iterable[Claim] = (), *, all_of_them: bool = True) -> str:
+def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
     """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
 
     rows: the claims of the build, for their words and standard errors; without one, a distance is in tolerances.
@@ -276,10 +276,8 @@ def compare_reference(
     """
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
-        reference, rows = (
-            committed.read_reference(root, slug, folder),
-            read_claims(build / f"report/claims/{slug}.json"),
-        )
+        reference = committed.read_reference(root, slug, folder)
+        rows = read_claims(build / f"report/claims/{slug}.json")
         found = _found(build, shared, rows, folder)
         if accepted := reference.pop(BUILD, None):
             reasons += [f"  {slug}, {line}" for line in causes(accepted, made[slug])]
@@ -408,7 +406,7 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     return root / COMMITTED_INPUTS
 
 
-def _found(build: Path, shared: Shared, rows: Iterable[Claim], folder: Path | None) -> dict[str, dict | str]:
+def _found(build: Path, shared: Shared, rows: Sequence[Claim], folder: Path | None) -> dict[str, dict | str]:
     """What is compared with a reference: with the committed one, also what each counterexample turns a verdict into."""
     files = {}
     for reading in sorted(shared.readings):

@@ -80,6 +80,12 @@ class Study:
     resolver: typing.Any = field(default=None, repr=False, compare=False)
     limits: tuple[tuple[Mapping, Place], ...] = ()
 
+    def reading(self, name: str) -> Reading:
+        """Return a reading; raises InputError if there is none of this name."""
+        if name not in self.readings:
+            raise InputError(f"{self.paper} has no reading '{name}'; {nearest(name, self.readings)}")
+        return self.readings[name]
+
     def assignment_of(self, name: str) -> dict[str, typing.Any]:
         """Return the values of choices that a reading has and a universe that leaves them out does not."""
         sources, base = self.readings[name].sources, self.readings[CORRECTED].sources
