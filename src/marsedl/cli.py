@@ -1,6 +1,7 @@
 """The command `marsedl`: lists, explains, compares and checks what the workflow builds, and starts new papers.
 
-A command is one function, whose docstring is its help. What takes long to import is imported where it is used.
+A command is one function, whose docstring is its help; it returns the exit status unless that is 0. What takes long to
+import is imported where it is used.
 """
 
 import argparse
@@ -28,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     options = command_line().parse_args(arguments)
     try:
-        return COMMANDS[options.command](options)
+        return COMMANDS[options.command](options) or 0
     except MarsedlError as error:
         print(f"marsedl: {printable(error)}", file=sys.stderr)
         return 3 if isinstance(error, StaleError) else 2
@@ -67,7 +68,7 @@ def command_line() -> argparse.ArgumentParser:
     for kind in overview.KINDS:
         what = f"list only the {kind} (can be combined)"
         add("list", f"--{kind}", dest="kinds", action="append_const", const=kind, help=what)
-    add("explain trial", "paper", help="a paper, such as powered_descent")
+    add("explain trial what-if universe compare", "paper", help="a paper, such as powered_descent")
     add("explain", "item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
     add("explain", "--reading", metavar="NAME", default=CORRECTED, help="whose inputs to show (default: %(default)s)")
     add("explain", "--evidence", action="store_true", help="of a claim: also what was measured in each reading")
@@ -77,13 +78,11 @@ def command_line() -> argparse.ArgumentParser:
     add("trial", "case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
     add("trial", "number", type=int, help="the number of the trial, counted from 0")
     add("trial", "--case", metavar="NAME", help="the Monte Carlo case, given as an option")
-    add("what-if universe", "paper", help="a paper, such as powered_descent")
     what = "CHOICE=VALUE of 'marsedl explain PAPER', or an input as SECTION.KEY=VALUE"
     add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
     add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe compare", "--json", action="store_true", help="write JSON")
-    add("compare", "paper", help="a paper, such as powered_descent")
     what = "a reading or universe:NUMBER; of another build FOLDER:reading or FOLDER:universe:NUMBER"
     add("compare", "mine", help=what)
     add("compare", "other", nargs="?", default=CORRECTED, help=f"what it is compared with (default: {CORRECTED})")
@@ -220,7 +219,7 @@ def _say(*texts: object) -> None:
 # -------------------------------------------------------------------------------------------------------- the commands
 
 
-def _list(options) -> int:
+def _list(options) -> None:
     """List papers with their readings, figures, tables, stages, Monte Carlo cases and claims.
 
     Without arguments it counts them; with a paper or a kind it names each one.
@@ -231,14 +230,13 @@ def _list(options) -> int:
     project = Project(options.size) if options.paper or options.kinds or options.size else None
     if options.paper or options.kinds:
         _say(*(line for slug in slugs for line in overview.listed(project, project.paper(slug), options.kinds)))
-        return 0
+        return
     _say(*(overview.there(project_root(), slug) for slug in slugs))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
     _say("targets: " + ", ".join([*TARGETS, *slugs]))
-    return 0
 
 
-def _explain(options) -> int:
+def _explain(options) -> None:
     """Show what a paper, figure, table, stage or claim depends on.
 
     Shows the artifacts, the inputs with their sources and the code behind it, and the verdict on a claim.
@@ -259,7 +257,6 @@ def _explain(options) -> int:
     else:
         names = [*paper.figures, *paper.tables, *paper.stages, *claims]
         raise InputError(f"{slug} has no figure, table, stage or claim '{name}'; {nearest(name, names)}")
-    return 0
 
 
 def _diff(options) -> int:
@@ -274,7 +271,7 @@ def _diff(options) -> int:
     return 1 if lines else 0
 
 
-def _trial(options) -> int:
+def _trial(options) -> None:
     """Simulate one Monte Carlo trial again.
 
     Prints how the trial goes, and whether it agrees with the stored ensemble if there is one.
@@ -289,10 +286,9 @@ def _trial(options) -> int:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
     trial = options.case or next(iter(cases)), options.number
     _say(runner.replay(project.folder, paper, study, options.reading, trial, project.options))
-    return 0
 
 
-def _what_if(options) -> int:
+def _what_if(options) -> None:
     """Compute a paper with other values of choices or inputs, and show which claims move.
 
     Computes in memory, and shows the verdicts that change and the numbers that move by more than their error.
@@ -310,10 +306,9 @@ def _what_if(options) -> int:
         path = Path("build/what-if") / options.paper / f"{options.figure}.png"
         save_side_by_side(drawn(evaluator, options.figure, assignment, inputs), path)
         print(f"wrote {path}", file=sys.stderr)
-    return 0
 
 
-def _compare(options) -> int:
+def _compare(options) -> None:
     """Show what moved between a reading of yours and another one: inputs, verdicts, numbers and figures.
 
     Also compares two builds or two universes. Writes a page with the figures side by side.
@@ -345,17 +340,15 @@ def _compare(options) -> int:
         own = [one.relative_to(project.folder).as_posix() for one in absent if one.is_relative_to(figures)]
         remedy = f"; run 'snakemake {' '.join(own)}{project.options}'" if own else ""
         print(f"without figures that are missing or not up to date{remedy}", file=sys.stderr)
-    return 0
 
 
-def _universe(options) -> int:
+def _universe(options) -> None:
     """Compute one universe of a paper again, and show its choices and what its claims give."""
     from marsedl.replication.universes.designs import numbered
 
     evaluator = _evaluator(options.paper)
     universe = numbered(evaluator.study.choices, options.number)
     _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
-    return 0
 
 
 def _evaluator(slug: str):
@@ -447,7 +440,7 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
     return project, shared, made, options.reference and options.reference.absolute()
 
 
-def _readme(options) -> int:
+def _readme(options) -> None:
     """Write what came out of each paper into README.md.
 
     Writes the answers and the badge from the stored verdicts.
@@ -459,10 +452,9 @@ def _readme(options) -> int:
     root = project_root()
     papers = [with_numbers(_catalogue(slug), committed(root, slug)) for slug in SLUGS]
     _say(*(f"wrote {path}" for path in front_page.write(root, papers)))
-    return 0
 
 
-def _new_paper(options) -> int:
+def _new_paper(options) -> None:
     """Create a small complete paper as the start of another replication.
 
     Writes its files and prints the next steps.
@@ -473,7 +465,6 @@ def _new_paper(options) -> int:
     for path in new_paper(root, options.slug, options.title, options.authors, not options.without_monte_carlo):
         _say(f"wrote {path.relative_to(root)}")
     _say(f"\n{next_steps(options.slug)}")
-    return 0
 
 
 _FUNCTIONS = _list, _explain, _diff, _trial, _what_if, _compare, _universe, _verify, _accept, _readme, _new_paper
