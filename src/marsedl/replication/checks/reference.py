@@ -240,11 +240,13 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
         said = words.get(re.split("[/,]", name)[0]) if change.of or name != change.name else ""
         named = f"{said} ({kinds[change.of]}{name})" if said else kinds[change.of] + name
         lines.append((named, change.old, change.new, apart))
-    table = columns(lines, 2) if len(lines) > 1 else ""
+    parts = [columns(lines, 2)] if len(lines) > 1 else []
     artifacts = len({change.name.rpartition("/")[0] for change in inner})
     folded = [f"{len(claims) - _ROWS} numbers of claims more"] * (len(claims) > len(shown_claims))
     folded += [f"{len(inner)} numbers of {artifacts} artifacts"] * (len(inner) > len(shown_inner))
-    return "\n".join([*[table] * bool(table), *[f"  and {' and '.join(folded)}; --all shows them"] * bool(folded)])
+    if folded:
+        parts.append(f"  and {' and '.join(folded)}; --all shows them")
+    return "\n".join(parts)
 
 
 def check_size(root: Path, slugs: Iterable[str], folder: Path | None, size: str) -> None:
