@@ -1,6 +1,7 @@
 """The command `marsedl`: lists, explains, compares and checks what the workflow builds, and starts new papers.
 
-A command is one function, whose docstring is its help. What takes long to import is imported where it is used.
+A command is one function, whose docstring is its help; it returns the exit status unless that is 0. What takes long to
+import is imported where it is used.
 """
 
 import argparse
@@ -28,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     options = command_line().parse_args(arguments)
     try:
-        return COMMANDS[options.command](options)
+        return COMMANDS[options.command](options) or 0
     except MarsedlError as error:
         print(f"marsedl: {printable(error)}", file=sys.stderr)
         return 3 if isinstance(error, StaleError) else 2
@@ -67,7 +68,7 @@ def command_line() -> argparse.ArgumentParser:
     for kind in overview.KINDS:
         what = f"list only the {kind} (can be combined)"
         add("list", f"--{kind}", dest="kinds", action="append_const", const=kind, help=what)
-    add("explain trial", "paper", help="a paper, such as powered_descent")
+    add("explain trial what-if universe compare", "paper", help="a paper, such as powered_descent")
     add("explain", "item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
     add("explain", "--reading", metavar="NAME", default=CORRECTED, help="whose inputs to show (default: %(default)s)")
     add("explain", "--evidence", action="store_true", help="of a claim: also what was measured in each reading")
@@ -77,13 +78,11 @@ def command_line() -> argparse.ArgumentParser:
     add("trial", "case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
     add("trial", "number", type=int, help="the number of the trial, counted from 0")
     add("trial", "--case", metavar="NAME", help="the Monte Carlo case, given as an option")
-    add("what-if universe", "paper", help="a paper, such as powered_descent")
     what = "CHOICE=VALUE of 'marsedl explain PAPER', or an input as SECTION.KEY=VALUE"
     add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
     add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe compare", "--json", action="store_true", help="write JSON")
-    add("compare", "paper", help="a paper, such as powered_descent")
     what = "a reading or universe:NUMBER; of another build FOLDER:reading or FOLDER:universe:NUMBER"
     add("compare", "mine", help=what)
     add("compare", "other", nargs="?", default=CORRECTED, help=f"what it is compared with (default: {CORRECTED})")
@@ -142,12 +141,11 @@ class Project:
             self.options += f" --configfile {shlex.quote(str(path))}"
 
     @cached_property
-    def _claims(self) -> list:
-        """The verdicts of all papers, of the last build of all; none if there is none."""
+    def _read_claims(self):
+        """Read the verdicts in a file once."""
         from marsedl.replication.claims.rows import read_claims
 
-        path = self.folder / "report" / "claims.json"
-        return read_claims(path) if path.exists() else []
+        return cache(read_claims)
 
     @cached_property
     def recipes(self):
@@ -162,35 +160,20 @@ class Project:
         """Raise StaleError, which names the command to run, if products of this size are not up to date."""
         self.recipes.check(products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
 
-    @cache  # noqa: B019 - a command makes one project
     def verdicts(self, slug: str) -> dict | None:
         """A paper's verdicts by the ids of its claims, of its last build alone or with all; None if there is none."""
-        from marsedl.replication.claims.rows import read_claims
-
-        rows = [row for row in self._claims if row.paper == slug]
-        both, own = (self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json"))
-        if own.exists() and not (rows and both.stat().st_mtime_ns >= own.stat().st_mtime_ns):
-            rows = read_claims(own)  # which knows no universes yet
-        return {row.id: row for row in rows} or None
-
-    def made_from(self, slug: str) -> dict:
-        """What a paper's build of this size is made from, as a reference stores it."""
-        from marsedl.replication.checks.reference import made_from
-
-        return made_from(self.root, _catalogue(slug), self.studies[slug], self.size)
+        files = [self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json")]
+        files = [path for path in files if path.exists()]
+        if not files:
+            return None
+        newest = max(files, key=lambda path: path.stat().st_mtime_ns)  # the first of equal ones, which knows universes
+        return {row.id: row for row in self._read_claims(newest) if row.paper == slug} or None
 
     def published(self, slug: str) -> list:
         """The printed claims of a paper."""
         from marsedl.replication.claims.printed import load_published
 
         return load_published(self.root / "data" / "published" / f"{slug}.yaml")
-
-    def reading(self, slug: str, name: str):
-        """A reading of a paper; raises InputError if there is none of this name."""
-        readings = self.studies[slug].readings
-        if name not in readings:
-            raise InputError(f"{slug} has no reading '{name}'; {nearest(name, readings)}")
-        return readings[name]
 
     def quotes(self, slug: str, reading: str = CORRECTED):
         """The numbers of this size that texts of a paper can quote."""
@@ -236,7 +219,7 @@ def _say(*texts: object) -> None:
 # -------------------------------------------------------------------------------------------------------- the commands
 
 
-def _list(options) -> int:
+def _list(options) -> None:
     """List papers with their readings, figures, tables, stages, Monte Carlo cases and claims.
 
     Without arguments it counts them; with a paper or a kind it names each one.
@@ -247,21 +230,20 @@ def _list(options) -> int:
     project = Project(options.size) if options.paper or options.kinds or options.size else None
     if options.paper or options.kinds:
         _say(*(line for slug in slugs for line in overview.listed(project, project.paper(slug), options.kinds)))
-        return 0
+        return
     _say(*(overview.there(project_root(), slug) for slug in slugs))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
     _say("targets: " + ", ".join([*TARGETS, *slugs]))
-    return 0
 
 
-def _explain(options) -> int:
+def _explain(options) -> None:
     """Show what a paper, figure, table, stage or claim depends on.
 
     Shows the artifacts, the inputs with their sources and the code behind it, and the verdict on a claim.
     """
     paper, name = _catalogue(options.paper), options.item
     slug, project = paper.slug, Project(options.size, options.configfile)
-    reading = project.reading(slug, options.reading)
+    reading = project.studies[slug].reading(options.reading)
     claims = {claim.id: claim for claim in project.published(slug)}
     kinds = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)]
     if name is None:
@@ -270,12 +252,11 @@ def _explain(options) -> int:
         _say(*overview.explained_claim(project, claims[name], evidence=options.evidence))
     elif kinds:
         full = project if project.size == FULL else Project(FULL, options.configfile)
-        quoted, unlimited = project.paper(slug, reading.name), full.reading(slug, reading.name).inputs
+        quoted, unlimited = project.paper(slug, reading.name), full.studies[slug].reading(reading.name).inputs
         _say(*overview.explained_item(project, quoted, reading, unlimited, name, kinds))
     else:
         names = [*paper.figures, *paper.tables, *paper.stages, *claims]
         raise InputError(f"{slug} has no figure, table, stage or claim '{name}'; {nearest(name, names)}")
-    return 0
 
 
 def _diff(options) -> int:
@@ -290,7 +271,7 @@ def _diff(options) -> int:
     return 1 if lines else 0
 
 
-def _trial(options) -> int:
+def _trial(options) -> None:
     """Simulate one Monte Carlo trial again.
 
     Prints how the trial goes, and whether it agrees with the stored ensemble if there is one.
@@ -299,16 +280,15 @@ def _trial(options) -> int:
 
     numerics.pin_numerics(project_root())
     paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
-    cases = project.reading(paper.slug, options.reading).inputs.CASES
+    study = project.studies[paper.slug]
+    cases = study.reading(options.reading).inputs.CASES
     if not cases:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
     trial = options.case or next(iter(cases)), options.number
-    study = project.studies[paper.slug]
     _say(runner.replay(project.folder, paper, study, options.reading, trial, project.options))
-    return 0
 
 
-def _what_if(options) -> int:
+def _what_if(options) -> None:
     """Compute a paper with other values of choices or inputs, and show which claims move.
 
     Computes in memory, and shows the verdicts that change and the numbers that move by more than their error.
@@ -326,10 +306,9 @@ def _what_if(options) -> int:
         path = Path("build/what-if") / options.paper / f"{options.figure}.png"
         save_side_by_side(drawn(evaluator, options.figure, assignment, inputs), path)
         print(f"wrote {path}", file=sys.stderr)
-    return 0
 
 
-def _compare(options) -> int:
+def _compare(options) -> None:
     """Show what moved between a reading of yours and another one: inputs, verdicts, numbers and figures.
 
     Also compares two builds or two universes. Writes a page with the figures side by side.
@@ -349,32 +328,27 @@ def _compare(options) -> int:
     _say(*overview.compared(difference, published, as_json=options.json))
     names = "-".join(re.sub(r"\W+", "_", side.name) for side in reversed(sides))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
+    figures = project.folder / "figures"  # which this build makes
 
-    def own(picture: Path) -> str:
-        """The picture as a product of this build; empty for one of another build."""
-        inside = picture.is_relative_to(project.folder) and picture.relative_to(project.folder).as_posix()
-        return inside if inside and inside.startswith("figures/") else ""
+    def is_stale(picture: Path) -> bool:
+        product = picture.relative_to(project.folder).as_posix() if picture.is_relative_to(figures) else ""
+        return bool(product) and project.recipes.is_stale(product, project.folder)
 
-    absent = compare.write_page(
-        *(path, paper, difference, published),
-        lambda picture: bool(own(picture)) and project.recipes.is_stale(own(picture), project.folder),
-    )
+    absent = compare.write_page(path, paper, difference, published, is_stale)
     print(f"wrote {path}", file=sys.stderr)
     if absent:
-        products = " ".join(filter(None, map(own, absent)))
-        remedy = f"; run 'snakemake {products}{project.options}'" if products else ""
+        own = [one.relative_to(project.folder).as_posix() for one in absent if one.is_relative_to(figures)]
+        remedy = f"; run 'snakemake {' '.join(own)}{project.options}'" if own else ""
         print(f"without figures that are missing or not up to date{remedy}", file=sys.stderr)
-    return 0
 
 
-def _universe(options) -> int:
+def _universe(options) -> None:
     """Compute one universe of a paper again, and show its choices and what its claims give."""
     from marsedl.replication.universes.designs import numbered
 
     evaluator = _evaluator(options.paper)
     universe = numbered(evaluator.study.choices, options.number)
     _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
-    return 0
 
 
 def _evaluator(slug: str):
@@ -395,16 +369,12 @@ def _verify(options) -> int:
     """
     if options.numbers:
         return _numbers(options)
-    from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference, twice, universes
 
-    size = Project(options.size, options.configfile).size
-    reference.check_size(project_root(), options.paper or SLUGS, options.reference, size)
-    project, shared, folder = _up_to_date(options)
+    project, shared, made, folder = _up_to_date(options)
     once = options.no_rebuild or folder is not None
     equal = once or twice.build_twice(project.root)
-    made = {slug: project.made_from(slug) for slug in shared}
-    agree = reference.compare_reference(project.root, project.folder, shared, folder, made, all_of_them=options.all)
+    agree = reference.compare_reference(project.root, project.folder, shared, made, folder, all_of_them=options.all)
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 
@@ -421,9 +391,8 @@ def _accept(options) -> int:
     from marsedl.replication.checks import reference, universes
     from marsedl.replication.claims import quotes
 
-    project, shared, folder = _up_to_date(options)
-    made = {slug: project.made_from(slug) for slug in shared}
-    paths = reference.accept_reference(project.root, project.folder, shared, folder, made)
+    project, shared, made, folder = _up_to_date(options)
+    paths = reference.accept_reference(project.root, project.folder, shared, made, folder)
     _say(*(f"wrote {path}" for path in paths))
     if folder is None:
         _say(*(f"wrote {path}" for path in universes.accept_universes(project.root, project.folder, shared)))
@@ -447,12 +416,13 @@ def _numbers(options) -> int:
     return 0 if numbers.compare_numbers(*files, numbers.tolerance_of(options.tolerance)) else 1
 
 
-def _up_to_date(options) -> tuple[Project, dict, Path | None]:
-    """The project, which reading owns each artifact by paper, and the folder of a user's own reference.
+def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
+    """The project; by paper, which reading owns each artifact and what it is made from; the user's own reference.
 
     Raises StaleError, with the command that helps, if claims or what they are made from are not up to date.
     """
     from marsedl.papers import SLUGS
+    from marsedl.replication.checks import reference
 
     needed = ["paper", "size", *["configfile"] * (options.command == "accept")]
     given = [name for name in needed if getattr(options, name)]
@@ -460,13 +430,17 @@ def _up_to_date(options) -> tuple[Project, dict, Path | None]:
         raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
     project = Project(options.size, options.configfile)
+    if options.command == "verify":
+        reference.check_size(project.root, papers, options.reference, project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]
     project.check(targets, "all" if options.reference is None else "")
     shared = {slug: project.recipes.shared[slug] for slug in papers}
-    return project, shared, options.reference and options.reference.absolute()
+    made = {slug: reference.made_from(project.root, _catalogue(slug), project.studies[slug], project.size)
+            for slug in papers}  # fmt: skip
+    return project, shared, made, options.reference and options.reference.absolute()
 
 
-def _readme(options) -> int:
+def _readme(options) -> None:
     """Write what came out of each paper into README.md.
 
     Writes the answers and the badge from the stored verdicts.
@@ -478,10 +452,9 @@ def _readme(options) -> int:
     root = project_root()
     papers = [with_numbers(_catalogue(slug), committed(root, slug)) for slug in SLUGS]
     _say(*(f"wrote {path}" for path in front_page.write(root, papers)))
-    return 0
 
 
-def _new_paper(options) -> int:
+def _new_paper(options) -> None:
     """Create a small complete paper as the start of another replication.
 
     Writes its files and prints the next steps.
@@ -492,22 +465,10 @@ def _new_paper(options) -> int:
     for path in new_paper(root, options.slug, options.title, options.authors, not options.without_monte_carlo):
         _say(f"wrote {path.relative_to(root)}")
     _say(f"\n{next_steps(options.slug)}")
-    return 0
 
 
-COMMANDS = {
-    "list": _list,
-    "explain": _explain,
-    "diff": _diff,
-    "trial": _trial,
-    "what-if": _what_if,
-    "compare": _compare,
-    "universe": _universe,
-    "verify": _verify,
-    "accept": _accept,
-    "readme": _readme,
-    "new-paper": _new_paper,
-}
+_FUNCTIONS = _list, _explain, _diff, _trial, _what_if, _compare, _universe, _verify, _accept, _readme, _new_paper
+COMMANDS = {function.__name__[1:].replace("_", "-"): function for function in _FUNCTIONS}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,6 +13,7 @@ from marsedl.replication.checks.reference import compare, fingerprints, format_c
 from marsedl.replication.claims.claim import COUNTED_VERDICTS
 from marsedl.replication.claims.committed import read_reference
 from marsedl.replication.claims.printed import load_measured, load_published
+from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.verdicts import Declaration, judge
 from marsedl.replication.claims.writing import claims_of, evaluate
 from marsedl.replication.inputs.readings import load_study
@@ -49,7 +50,8 @@ def test_stages_that_no_size_changes_have_the_committed_numbers(copied, slug, mo
                 files[f"{reading}/{stage}"] = copied.build / shared.file(reading, stage)
     assert {name.split("/")[0] for name in files} == {*READINGS}
     committed = {k: v for k, v in read_reference(ROOT, slug).items() if k.rpartition("/")[0] in files}
-    found = {k: v for k, v in fingerprints(copied.build, slug, files).items() if k.rpartition("/")[0] in files}
+    rows = read_claims(copied.build / f"report/claims/{slug}.json")
+    found = {k: v for k, v in fingerprints(rows, files).items() if k.rpartition("/")[0] in files}
     comparison = compare(committed, found, paper.noise)
     assert comparison.margins
     assert not comparison.changes, format_changes(comparison)

@@ -10,8 +10,7 @@ from marsedl.papers import input_model
 from marsedl.replication.checks import compare
 from marsedl.replication.checks.compare import (
     Side,
-    changed_inputs,
-    judged_in_one,
+    difference,
     moved_claims,
     named,
     numbers_of,
@@ -62,7 +61,7 @@ def test_numbers_that_keep_their_verdicts_come_by_standard_errors_then_without()
 def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
     after = BEFORE._replace(verdicts={"mean": "reproduced", "later": "holds"})
     assert moved_claims(BEFORE, after, PUBLISHED) == []
-    assert judged_in_one(BEFORE, after) == ["calm", "later", "peak"]
+    assert difference(BEFORE, after, PUBLISHED).alone == ["calm", "later", "peak"]
 
 
 def test_numbers_are_shown_with_digits_that_tell_them_apart():
@@ -86,7 +85,7 @@ def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp
     (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
     monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "smoke"})
     other = of_other_build("corrected", study, tmp_path)
-    assert [one.name for one in changed_inputs(BEFORE, other)] == ["noise.noise_coefficient", "size"]
+    assert [one.name for one in difference(BEFORE, other, []).inputs] == ["noise.noise_coefficient", "size"]
 
 
 def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_corrected(tmp_path, monkeypatch):
@@ -98,12 +97,12 @@ def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_co
     monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
     monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "full"})
     point = of_other_build("target4", study, tmp_path)
-    assert {one.name for one in changed_inputs(BEFORE, point)} == {"entry.initial_speed", "size"}
+    assert {one.name for one in difference(BEFORE, point, []).inputs} == {"entry.initial_speed", "size"}
 
 
 def test_inputs_that_differ_are_named_with_both_values():
-    assert [tuple(one) for one in changed_inputs(BEFORE, AFTER)] == [("mass", "1", "3")]
-    assert changed_inputs(BEFORE, BEFORE) == []
+    assert [tuple(one) for one in difference(BEFORE, AFTER, PUBLISHED).inputs] == [("mass", "1", "3")]
+    assert difference(BEFORE, BEFORE, PUBLISHED).inputs == []
 
 
 def test_what_is_not_built_or_not_known_is_refused(tmp_path):

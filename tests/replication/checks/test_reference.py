@@ -16,6 +16,7 @@ from marsedl.replication.checks.reference import COUNT_TOLERANCE, RELATIVE_TOLER
 from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import UNEXPLAINED
 from marsedl.replication.claims.printed import load_published
+from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.records import fields, store
 from marsedl.replication.sizes import build_folder
@@ -56,11 +57,10 @@ def project(tmp_path, monkeypatch):
     claim(tmp_path, 1349.4)
     counterexample(tmp_path, "fails")
     made = {SLUG: copy.deepcopy(MADE)}
-    reference.accept_reference(tmp_path, tmp_path, owned(), made=made)
+    reference.accept_reference(tmp_path, tmp_path, owned(), made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
-    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None, made_from=made.get)
-    monkeypatch.setattr(cli, "Project", lambda size, config_file: SimpleNamespace(size="full"))
-    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), None))
+    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
+    monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
     monkeypatch.chdir(tmp_path)
@@ -138,7 +138,8 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 
 
 def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
-    entries = reference.fingerprints(project, SLUG, {"corrected/nominal": project / ARTIFACT})
+    rows = read_claims(project / f"report/claims/{SLUG}.json")
+    entries = reference.fingerprints(rows, {"corrected/nominal": project / ARTIFACT})
     assert set(entries) == {
         "verdicts/final_mass",
         "published/final_mass",
@@ -263,7 +264,7 @@ def test_the_log_and_the_summary_begin_with_what_was_changed(project, capsys, mo
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
     stored(project, scale=1.1)
     claim(project, 1350.0)
-    assert not reference.compare_reference(project, project, owned(), made={SLUG: made})
+    assert not reference.compare_reference(project, project, owned(), {SLUG: made})
     lines = capsys.readouterr().out.splitlines()
     head = lines.index("changed since these numbers were accepted:")
     assert head == lines.index("  powered_descent, corrected: noise.noise_coefficient 0.03 -> 0.031") - 1
@@ -283,21 +284,21 @@ def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project
     with pytest.raises(InputError, match="accepted at size full; you compare smoke"):
         reference.check_size(project, [SLUG, "not_accepted"], None, "smoke")
     claim(project, 1349.4, printed="differs")
-    reference.accept_reference(project, project, owned(), made={SLUG: MADE})
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
     claim(project, 1349.4)
     with pytest.raises(InputError, match=r"has printed, not built here; give the --configfile"):
-        reference.compare_reference(project, project, owned())
+        reference.compare_reference(project, project, owned(), {SLUG: MADE})
 
 
 def test_a_reading_of_ones_own_without_reference_is_a_note(project, capsys):
     claim(project, 1349.4, printed="fails")
     shared = owned()
     shared[SLUG].own_readings = frozenset({"printed"})
-    assert reference.compare_reference(project, project, shared)
+    assert reference.compare_reference(project, project, shared, {SLUG: MADE})
     assert "note: reading printed has no reference yet" in capsys.readouterr().out
-    reference.accept_reference(project, project, shared)
+    reference.accept_reference(project, project, shared, {SLUG: MADE})
     claim(project, 1349.4, printed="holds")
-    assert not reference.compare_reference(project, project, shared)
+    assert not reference.compare_reference(project, project, shared, {SLUG: MADE})
 
 
 # -------------------------------------------------------------------------------------------------------------- accept
@@ -328,10 +329,10 @@ def test_numbers_within_tolerance_keep_their_digits(project):
     path = project / "data" / "reference" / f"{SLUG}.json"
     before = path.read_text(encoding="utf-8")
     stored(project, scale=1 + 1e-9)
-    reference.accept_reference(project, project, owned(), made={SLUG: MADE})
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
     assert path.read_text(encoding="utf-8") == before
     stored(project, scale=1 + 1e-9, iterations=200)
-    reference.accept_reference(project, project, owned(), made={SLUG: MADE})
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
     now = path.read_text(encoding="utf-8")
     changes = set(now.splitlines()) ^ set(before.splitlines())
     assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations"}
@@ -356,7 +357,7 @@ def test_a_verdict_that_turns_gets_a_row_on_the_page_of_verdicts(project, capsys
     page.write_text(f"# Verdicts\n\n{table}{below}", encoding="utf-8")
     assert cli.main(["accept"]) == 0
     assert str(page) not in capsys.readouterr().out
-    own = project, project, owned(), project / "own"
+    own = project, project, owned(), {SLUG: MADE}, project / "own"
     reference.accept_reference(*own)
     claim(project, 1349.4, verdict="close", printed="fails", names=("final_mass", "fuel"))
     reference.accept_reference(*own)
@@ -465,11 +466,11 @@ def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
 
 def test_what_rounding_decides_is_compared_by_shape(project, capsys):
     stored(project, scale=1.1)
-    assert not reference.compare_reference(project, project, owned())
-    assert reference.compare_reference(project, project, owned("corrected/nominal/ma*"))
+    assert not reference.compare_reference(project, project, owned(), {SLUG: MADE})
+    assert reference.compare_reference(project, project, owned("corrected/nominal/ma*"), {SLUG: MADE})
     assert "1 that rounding decides compared by shape" in capsys.readouterr().out
-    assert not reference.compare_reference(project, project, owned("corrected/nominal/iterations"))
+    assert not reference.compare_reference(project, project, owned("corrected/nominal/iterations"), {SLUG: MADE})
     path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
     shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
     store.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
-    assert not reference.compare_reference(project, project, owned("corrected/nominal/mass"))
+    assert not reference.compare_reference(project, project, owned("corrected/nominal/mass"), {SLUG: MADE})

@@ -13,7 +13,7 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
-from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
@@ -122,13 +122,6 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
     return Side(f"universe {number}", values, verdicts, numbers)
 
 
-def changed_inputs(before: Side, after: Side) -> list[Changed]:
-    """Return the inputs, or choices, that differ."""
-    names = dict.fromkeys([*before.inputs, *after.inputs])
-    pairs = [Changed(name, before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names]
-    return [one for one in pairs if one.before != one.after]
-
-
 def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
     """Return what moves of the claims that both evaluate: verdicts first, then by standard errors."""
     nothing, found = (math.nan, 0.0, math.nan), []
@@ -143,11 +136,6 @@ def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim])
         numbers.sort(key=_largest_first)
         found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
     return sorted(found, key=_largest_first)
-
-
-def judged_in_one(before: Side, after: Side) -> list[str]:
-    """Return the claims that only one of the two evaluates."""
-    return sorted(before.verdicts.keys() ^ after.verdicts.keys())
 
 
 def numbers_of(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
@@ -177,9 +165,7 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
             raise InputError(f"'{name}': write universe:NUMBER or FOLDER:universe:NUMBER, such as universe:12")
         return Path(folder[:-1]) if folder else None, int(number)
     folder, _, reading = name.rpartition(":")
-    if reading not in study.readings:
-        raise InputError(f"{study.paper} has no reading '{reading}'; {nearest(reading, study.readings)}")
-    return Path(folder) if folder else None, reading
+    return Path(folder) if folder else None, study.reading(reading).name
 
 
 def side_of(of: str | int, study: Study, build: Path) -> Side:
@@ -195,8 +181,10 @@ def side_of(of: str | int, study: Study, build: Path) -> Side:
 
 def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
     """Return what moved between two sides."""
-    moved = moved_claims(before, after, published)
-    return Difference(before, after, changed_inputs(before, after), moved, judged_in_one(before, after))
+    names = dict.fromkeys([*before.inputs, *after.inputs])
+    pairs = [Changed(name, before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names]
+    changed, alone = [one for one in pairs if one.before != one.after], before.verdicts.keys() ^ after.verdicts.keys()
+    return Difference(before, after, changed, moved_claims(before, after, published), sorted(alone))
 
 
 def write_page(

@@ -65,16 +65,16 @@ def read_reference(path: Path) -> dict[str, Entry]:
 
 
 def _entry(row: Mapping, place: str) -> Entry:
-    numbers = {"standard_error": 0.0}
-    for key in ("value", "standard_error"):
-        text = row[key]
+    numbers = []
+    for key, text in (("value", row["value"]), ("standard_error", row["standard_error"] or 0.0)):
         try:
-            numbers[key] = float(text) if key == "value" or text not in ("", None) else 0.0
+            numbers.append(float(text))
         except (TypeError, ValueError):
             raise InputError(f"{place}: {key} must be a number with a decimal point, not '{text}'") from None
-    if not all(map(math.isfinite, numbers.values())) or numbers["standard_error"] < 0:
+    value, error = numbers
+    if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
         raise InputError(f"{place}: value and standard_error must be finite, and the error not negative")
-    return Entry(numbers["value"], (row["unit"] or "1").strip(), numbers["standard_error"])
+    return Entry(value, (row["unit"] or "1").strip(), error)
 
 
 def tolerance_of(text: str) -> float:

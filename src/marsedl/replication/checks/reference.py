@@ -35,17 +35,18 @@ _NOTHING = "–"  # in a table, where one side has no such claim, verdict or fie
 TURNED, TURNED_MARKER = Path("docs/verdicts.md"), "<!-- turned: written by marsedl accept -->"
 _TURNED_HEAD = re.compile(rf"{TURNED_MARKER}\n+\|.*\n\|[-|]+\n")  # the marker and the head of its table
 _CLAIMS = "claims/"  # of the numbers that claims give; all other numbers are fields of artifacts
+_TEXTS = (PUBLISHED, VERDICTS, COUNTEREXAMPLES)  # all others are numbers
 _ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
 
 
-def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str, dict | str]:
+def fingerprints(rows: Sequence[Claim], cached: Mapping[str, Path]) -> dict[str, dict | str]:
     """Reduce a build of a paper to what is compared, by name: of artifacts, the moments of every field.
 
-    cached: files of artifacts by "reading/artifact"; several readings may share one.
+    rows: the paper's claims. cached: files of artifacts by "reading/artifact"; several readings may share one.
     """
-    rows, fields = read_claims(root / f"report/claims/{slug}.json"), cache(_reduced_fields)
+    fields = cache(_reduced_fields)
     entries = {f"{VERDICTS}{row.id}": _verdicts(row) for row in rows}
     entries |= {f"{PUBLISHED}{row.id}": _printed(row) for row in rows}
     for row in rows:
@@ -176,32 +177,38 @@ def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> Co
 
     noise: patterns of names of which only the shape is compared.
     """
-    names, texts = dict.fromkeys([*reference, *build]), (PUBLISHED, VERDICTS, COUNTEREXAMPLES)
-    both = [name for name in names if name in reference and name in build and not name.startswith(texts)]
-    by_shape = {name for name in both if any(fnmatchcase(name, pattern) for pattern in noise)}
-    moved = {}
-    for name in both:
-        expected = {**reference[name], "numbers": build[name]["numbers"]} if name in by_shape else reference[name]
-        moved[name] = margins_of(name, expected, build[name])
-    margins = {name: float(max(each, default=0.0)) for name, each in moved.items()}
+    names, numbers, margins, by_shape = dict.fromkeys([*reference, *build]), [], {}, set()
+    for name in (name for name in names if not name.startswith(_TEXTS)):
+        old, new, moved = reference.get(name), build.get(name), np.array([np.inf])
+        if old and new:
+            expected = old
+            if any(fnmatchcase(name, pattern) for pattern in noise):
+                by_shape.add(name)
+                expected = {**old, "numbers": new["numbers"]}
+            moved = margins_of(name, expected, new)
+            margins[name] = float(moved.max(initial=0.0))
+        if (moved > 1).any():
+            worst = int(np.argmax(moved))
+            numbers.append(Change(name, _described(old, worst), _described(new, worst), float(moved[worst])))
 
-    changes, numbers = [], []
-    for name in names:
-        old, new, claim = reference.get(name), build.get(name), name.partition("/")[2]
-        if name.startswith(VERDICTS):
-            for reading in {**(old or {}), **(new or {})}:
-                pair = [(verdicts or {}).get(reading, _NOTHING) for verdicts in (old, new)]
-                if pair[0] != pair[1]:
-                    margin = margins.get(f"claims/{claim}/{reading}", np.inf)
-                    changes.append(Change(f"{claim}, {reading}", *pair, margin, VERDICTS))
-        elif name.startswith(PUBLISHED) and old != new:
-            changes.append(Change(claim, old or _NOTHING, new or _NOTHING, of=PUBLISHED))
-        elif name.startswith(COUNTEREXAMPLES) and old != new:
-            changes.append(Change(f"{claim}, counterexample", old or _NOTHING, new or _NOTHING, of=VERDICTS))
-        elif not name.startswith(texts) and (margin := margins.get(name, np.inf)) > 1:
-            worst = int(np.argmax(moved.get(name, 0)))
-            numbers.append(Change(name, _described(old, worst), _described(new, worst), margin))
+    changes = []
+    for name in (name for name in names if name.startswith(_TEXTS)):
+        old, new = _texts(name, reference.get(name)), _texts(name, build.get(name))
+        kind = PUBLISHED if name.startswith(PUBLISHED) else VERDICTS
+        for label in {**old, **new}:
+            before, now = old.get(label, _NOTHING), new.get(label, _NOTHING)
+            if before != now:
+                margin = margins.get(_CLAIMS + label.replace(", ", "/"), np.inf)
+                changes.append(Change(label, before, now, margin, kind))
     return Comparison([*changes, *sorted(numbers, key=lambda change: -change.margin)], margins, by_shape)
+
+
+def _texts(name: str, entry: Mapping[str, str] | str | None) -> Mapping[str, str]:
+    """What is printed of a claim, or the verdicts on it, by what they are called in a table of changes."""
+    claim = name.partition("/")[2]
+    if isinstance(entry, Mapping):
+        return {f"{claim}, {reading}": verdict for reading, verdict in entry.items()}
+    return {} if entry is None else {claim if name.startswith(PUBLISHED) else f"{claim}, counterexample": entry}
 
 
 def _described(entry: Mapping | None, moment: int) -> str:
@@ -214,36 +221,32 @@ def _described(entry: Mapping | None, moment: int) -> str:
     return f"shape {entry['shape']}, {f'{MOMENTS[moment]} {number[0]}' if number else 'no finite number'}"
 
 
-def format_changes(
-    comparison: Comparison,
-    errors: Mapping[str, float] | None = None,
-    words: Mapping[str, str] | None = None,
-    *,
-    all_of_them: bool = True,
-) -> str:
+def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
     """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
 
-    errors: standard errors of the claims' numbers, by name; without one, the distance is in tolerances.
-    words: what claims say, by id.
+    rows: the claims of the build, for their words and standard errors; without one, a distance is in tolerances.
     """
+    words, errors = {row.id: (row.plain or row.quantity).rstrip(".") for row in rows}, _errors(rows)
     kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
     claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
     inner = [change for change in numbers if not change.name.startswith(_CLAIMS)]
     shown_claims, shown_inner = (claims, inner) if all_of_them else (claims[:_ROWS], [])
-    rows = [("claim or field", "accepted", "now", "apart")]
+    lines = [("claim or field", "accepted", "now", "apart")]
     for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_claims, *shown_inner]:
         apart = f"{change.margin:.3g} tolerances" if np.isfinite(change.margin) else ""
-        if (error := (errors or {}).get(change.name)) and _NOTHING not in (change.old, change.new):
+        if (error := errors.get(change.name)) and _NOTHING not in (change.old, change.new):
             apart = f"{abs(float(change.new) - float(change.old)) / error:.3g} standard errors"
         name = change.name.removeprefix(_CLAIMS)
-        said = (words or {}).get(re.split("[/,]", name)[0], "").rstrip(".") if change.of or name != change.name else ""
+        said = words.get(re.split("[/,]", name)[0]) if change.of or name != change.name else ""
         named = f"{said} ({kinds[change.of]}{name})" if said else kinds[change.of] + name
-        rows.append((named, change.old, change.new, apart))
-    table = columns(rows, 2) if len(rows) > 1 else ""
+        lines.append((named, change.old, change.new, apart))
+    parts = [columns(lines, 2)] if len(lines) > 1 else []
     artifacts = len({change.name.rpartition("/")[0] for change in inner})
     folded = [f"{len(claims) - _ROWS} numbers of claims more"] * (len(claims) > len(shown_claims))
     folded += [f"{len(inner)} numbers of {artifacts} artifacts"] * (len(inner) > len(shown_inner))
-    return "\n".join([*[table] * bool(table), *[f"  and {' and '.join(folded)}; --all shows them"] * bool(folded)])
+    if folded:
+        parts.append(f"  and {' and '.join(folded)}; --all shows them")
+    return "\n".join(parts)
 
 
 def check_size(root: Path, slugs: Iterable[str], folder: Path | None, size: str) -> None:
@@ -259,25 +262,27 @@ def compare_reference(
     root: Path,
     build: Path,
     papers: Mapping[str, Shared],
+    made: Mapping[str, dict],
     folder: Path | None = None,
-    made: Mapping[str, dict] | None = None,
     *,
     all_of_them: bool = False,
 ) -> bool:
     """Compare a build with reference numbers; prints what changed before it, then the claims and the worst margin.
 
-    papers: which file each artifact is, by paper. folder: holds a reference of the user's own; without it, the build is
-    compared with the committed numbers and counterexamples, and is refused as well if a verdict is not explained.
-    made: what each paper is made from, see `made_from`. all_of_them: show the fields of artifacts that moved.
+    papers: which file each artifact is, by paper. made: what each paper is made from, see `made_from`.
+    folder: holds a reference of the user's own; without it, the build is compared with the committed numbers and
+    counterexamples, and is refused as well if a verdict is not explained.
+    all_of_them: show the fields of artifacts that moved.
 
     Raises InputError if the reference has readings that are not built.
     """
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
-        reference, found = committed.read_reference(root, slug, folder), _found(build, shared, folder)
-        accepted, now = reference.pop(BUILD, None), (made or {}).get(slug)
-        if accepted and now:
-            reasons += [f"  {slug}, {line}" for line in causes(accepted, now)]
+        reference = committed.read_reference(root, slug, folder)
+        rows = read_claims(build / f"report/claims/{slug}.json")
+        found = _found(build, shared, rows, folder)
+        if accepted := reference.pop(BUILD, None):
+            reasons += [f"  {slug}, {line}" for line in causes(accepted, made[slug])]
         if lost := _readings_of(reference) - _readings_of(found):
             raise InputError(
                 f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}, not built here; "
@@ -285,19 +290,20 @@ def compare_reference(
             )
         new = (_readings_of(found) - _readings_of(reference)) & shared.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
-        without_reason, told = _unexplained(build, slug, folder), _told(build, slug)
+        without_reason = unexplained(rows) if folder is None else []
         lines = [_summary(slug, comparison)]
         lines += [f"  {slug}: claim {claim} differs or fails without a reason that names an erratum"
                   for claim in without_reason]  # fmt: skip
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
-        table = format_changes(comparison, *told, all_of_them=all_of_them)
-        tables.append("\n".join([*lines, *[table] * bool(comparison.changes)]))
-        details.append(format_changes(comparison, *told) if comparison.changes else "")
+        if comparison.changes:
+            lines.append(format_changes(comparison, rows, all_of_them=all_of_them))
+            details.append(format_changes(comparison, rows))
+        tables.append("\n".join(lines))
         agree = agree and not comparison.changes and not without_reason
     head = ["changed since these numbers were accepted:", *reasons] if reasons else []
     text = "\n".join([*head, *tables])
     print(text)
-    summarize(text, "\n".join(filter(None, details)))
+    summarize(text, "\n".join(details))
     if not agree:
         own = folder and f"run '{committed.accept_command(folder)}' with the options of this check"
         print("if the changes are intended,", own or "accept them with 'marsedl accept' after a full build", flush=True)
@@ -320,24 +326,22 @@ def _without(entries: Entries, readings: Iterable[str]) -> Entries:
     return left
 
 
-def _told(build: Path, slug: str) -> tuple[dict[str, float], dict[str, str]]:
-    """By name, the standard errors of differences of two of a claim's single number; what claims say, by id."""
-    rows = read_claims(build / f"report/claims/{slug}.json")
-    errors = {
+def _errors(rows: Iterable[Claim]) -> dict[str, float]:
+    """The standard errors of differences of two of a claim's single number, by the names of the numbers."""
+    return {
         f"{_CLAIMS}{row.id}/{reading}": float(np.sqrt(2.0) * result.standard_error)
         for row in rows
         for reading, result in row.readings.items()
         if isinstance(result.standard_error, int | float)
     }
-    return errors, {row.id: row.plain or row.quantity for row in rows}
 
 
 def accept_reference(
     root: Path,
     build: Path,
     papers: Mapping[str, Shared],
+    made: Mapping[str, dict],
     folder: Path | None = None,
-    made: Mapping[str, dict] | None = None,
 ) -> list[Path]:
     """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
 
@@ -350,25 +354,28 @@ def accept_reference(
     """
     texts, turned = {}, []
     for slug, shared in papers.items():
-        for claim in _unexplained(build, slug, folder):
+        rows = read_claims(build / f"report/claims/{slug}.json")
+        for claim in unexplained(rows) if folder is None else ():
             raise MarsedlError(
                 f"{slug}: claim {claim} differs or fails without a reason that names an erratum; "
                 f"state it in src/marsedl/papers/{slug}/claims first"
             )
-        path, found = committed.reference_file(root, slug, folder), _found(build, shared, folder)
+        path, found = committed.reference_file(root, slug, folder), _found(build, shared, rows, folder)
         reference = committed.read_reference(root, slug, folder) if path.exists() else {}
-        accepted, now = reference.pop(BUILD, None), (made or {}).get(slug)
-        if accepted and now and accepted["size"] != now["size"]:
+        accepted = reference.pop(BUILD, None)
+        if accepted and accepted["size"] != made[slug]["size"]:
             reference = {}
         comparison = compare(reference, found, shared.paper.noise)
         if reference:
             print(_summary(slug, comparison))
             if comparison.changes:
-                print(format_changes(comparison, *_told(build, slug), all_of_them=False))
+                print(format_changes(comparison, rows, all_of_them=False))
         else:
-            print(_first(slug, found, now))
+            verdicts = sum(len(entry) for name, entry in found.items() if name.startswith(VERDICTS))
+            numbers = sum(not name.startswith(_TEXTS) for name in found)
+            print(f"{slug}: first reference of size {made[slug]['size']}: {verdicts} verdicts, {numbers} numbers")
         found |= {name: reference[name] for name, margin in comparison.margins.items() if margin <= 1}
-        stored = {BUILD: now, **found} if now else found
+        stored = {BUILD: made[slug], **found}
         lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in stored.items()]
         texts[path] = "{\n" + ",\n".join(lines) + "\n}\n"
         changes = [change for change in comparison.of(VERDICTS) if change.old != _NOTHING]
@@ -401,29 +408,17 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     return root / COMMITTED_INPUTS
 
 
-def _found(build: Path, shared: Shared, folder: Path | None) -> dict[str, dict | str]:
+def _found(build: Path, shared: Shared, rows: Sequence[Claim], folder: Path | None) -> dict[str, dict | str]:
     """What is compared with a reference: with the committed one, also what each counterexample turns a verdict into."""
-    slug, files = shared.paper.slug, {}
+    files = {}
     for reading in sorted(shared.readings):
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
-    entries = fingerprints(build, slug, files)
+    entries = fingerprints(rows, files)
     if folder is None:
-        turned = read_parts(Counterexample, build / f"report/counterexamples/{slug}.json")
+        path = build / f"report/counterexamples/{shared.paper.slug}.json"
+        turned = read_parts(Counterexample, path)
         entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
     return entries
-
-
-def _unexplained(build: Path, slug: str, folder: Path | None) -> list[str]:
-    """The claims that need a reason and have none; only the committed verdicts need one."""
-    return unexplained(read_claims(build / f"report/claims/{slug}.json")) if folder is None else []
-
-
-def _first(slug: str, found: Entries, made: Mapping | None) -> str:
-    """What a first reference holds, in a line."""
-    verdicts = sum(len(entry) for name, entry in found.items() if name.startswith(VERDICTS))
-    numbers = sum(not name.startswith((VERDICTS, PUBLISHED, COUNTEREXAMPLES)) for name in found)
-    of = f" of size {made['size']}" if made else ""
-    return f"{slug}: first reference{of}: {verdicts} verdicts, {numbers} numbers"
 
 
 def _summary(slug: str, comparison: Comparison) -> str:

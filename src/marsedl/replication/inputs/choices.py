@@ -253,14 +253,8 @@ def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -
         raise InputError(f"{place}: give either 'values' or 'range'")
     if written.values and len(written.values) < 2:
         raise InputError(f"{place / 'values'}: a choice needs at least two values")
-    alternatives = {
-        value: {
-            key: source
-            for section, of in model.sections().items()
-            for key, source in inputs_set(section, of, getattr(body, section), name, place / "values" / value).items()
-        }
-        for value, body in written.values.items()
-    }
+    at = place / "values"
+    alternatives = {value: inputs_set(model, body, name, at / value) for value, body in written.values.items()}
     limits = _range(written.range, model, place / "range") if written.range else None
     about = written.asks, written.because, written.entered, written.only_if
     return Choice(name, *about, alternatives, limits, tuple(written.apart))

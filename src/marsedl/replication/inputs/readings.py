@@ -80,6 +80,12 @@ class Study:
     resolver: typing.Any = field(default=None, repr=False, compare=False)
     limits: tuple[tuple[Mapping, Place], ...] = ()
 
+    def reading(self, name: str) -> Reading:
+        """Return a reading; raises InputError if there is none of this name."""
+        if name not in self.readings:
+            raise InputError(f"{self.paper} has no reading '{name}'; {nearest(name, self.readings)}")
+        return self.readings[name]
+
     def assignment_of(self, name: str) -> dict[str, typing.Any]:
         """Return the values of choices that a reading has and a universe that leaves them out does not."""
         sources, base = self.readings[name].sources, self.readings[CORRECTED].sources
@@ -135,11 +141,9 @@ def load_studies(
     # Of several files, Snakemake does not tell which one a key is of.
     place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
     settings = checked(own, config, place)
+    studies = {slug: _study(slug, model, root, settings, place / slug, files) for slug, model in models.items()}
     own_choices = {slug: (config.get(slug) or {}).get("choices", {}) for slug in models}
-    return {
-        slug: replace(_study(slug, model, root, settings, place / slug, files), own_choices=own_choices[slug])
-        for slug, model in models.items()
-    }
+    return {slug: replace(study, own_choices=own_choices[slug]) for slug, study in studies.items()}
 
 
 def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> Study:
@@ -258,8 +262,7 @@ class _Resolver:
         sources = dict(base.sources) if base else {}
         for choice, value in self._choices.checked(body.choices, place / "choices").items():
             sources = self._choices.by_name[choice].applied(sources, value)
-        for section, of in self._model.sections().items():
-            sources |= inputs_set(section, of, getattr(body, section), name, place)
+        sources |= inputs_set(self._model, body, name, place)
         inputs = self.inputs(sources, place)
         digest = _digest({key: source.value for key, source in sources.items()})
         if body.frozen not in ("", digest):

@@ -1,12 +1,10 @@
 """Where inputs come from: what readings and choices set, as it is written and in SI."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from marsedl.replication.errors import InputError, shown
-from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.sections import Section
-from marsedl.replication.inputs.written import Sourced
+from marsedl.replication.inputs.messages import Keys, Place
+from marsedl.replication.inputs.sections import Inputs
 
 
 @dataclass(frozen=True)
@@ -21,18 +19,17 @@ class Source:
     value: object
 
 
-def inputs_set(
-    section: str, of: type[Section], entries: Mapping[str, Sourced], name: str, place: Place
-) -> dict[str, Source]:
-    """Return the inputs of a section that are written at a place, by "section.name"; `name` is what sets them."""
+def inputs_set(model: type[Inputs], body: Keys, name: str, place: Place) -> dict[str, Source]:
+    """Return the inputs that a reading or an alternative sets, by "section.name"; `name` is what sets them."""
     found: dict[str, Source] = {}
-    for key, entry in entries.items():
-        (field, factor, unit), at = of.keys()[key], place / section / key
-        if entry.unit not in ("", unit):
-            raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
-        source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
-        if (other := found.setdefault(f"{section}.{field}", source)) is not source:
-            raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
+    for section, of in model.sections().items():
+        for key, entry in getattr(body, section).items():
+            (field, factor, unit), at = of.keys()[key], place / section / key
+            if entry.unit not in ("", unit):
+                raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
+            source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
+            if (other := found.setdefault(f"{section}.{field}", source)) is not source:
+                raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
     return found
 
 
