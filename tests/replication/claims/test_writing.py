@@ -277,6 +277,12 @@ def test_a_word_does_not_decide_within_a_factor_of_two(value, passed, doubt):
         assert (test.passed, bool(test.doubt)) == (passed, doubt), test.sentence
 
 
+def test_of_entries_with_a_limit_of_zero_the_furthest_fails_and_the_nearest_holds():
+    """Shares of a limit of zero tell none from the other."""
+    assert holds(measure("excess", [4e-5, 10.7, 0.3]) <= 0).margin.value == 10.7
+    assert holds(measure("change", [-124.0, -3.0, -50.0]) < 0).margin.value == -3.0
+
+
 def test_the_margin_is_that_of_the_test_that_decides():
     statement = holds(measure("mass", 2.0, "kg") > 1, measure("time", 9.0, "s") < 10, check("it converges", True))
     assert statement.margin.written() == {

@@ -238,10 +238,12 @@ def _margin(measure, passed, room, value, limits, error) -> Margin | None:
     scale = np.where(error > 0, error, np.where(limits != 0, np.abs(limits), np.abs(value)))
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.abs(room) / scale
-    distance = np.where(np.isfinite(distance + error) & (passed == passed.all()), distance, np.nan)
-    if np.isnan(distance).all():
+    candidates = np.flatnonzero(np.isfinite(distance + error) & (passed == passed.all()))
+    if not candidates.size:
         return None
-    at = np.unravel_index(np.nanargmin(distance) if passed.all() else np.nanargmax(distance), distance.shape)
+    # Of several that are as far in these units, as all are from a limit of zero, the numbers themselves decide.
+    by_distance = np.lexsort((np.abs(room).ravel()[candidates], distance.ravel()[candidates]))
+    at = np.unravel_index(candidates[by_distance[0 if passed.all() else -1]], distance.shape)
     return Margin(
         measure=measure.name,
         value=float(value[at]),
