@@ -34,29 +34,6 @@ def narrowed(bracket, part, excess):
 _narrowed = inline_called_njit(narrowed)
 
 
-@inline_called_njit
-def _fill(array, value):
-    for row in range(array.shape[0]):
-        for lane in range(LANES):
-            array[row, lane] = value
-
-
-@inline_called_njit
-def _take(array, table, first):
-    """A group's columns of a table of all trials, from `first` on."""
-    for row in range(array.shape[0]):
-        for lane in range(LANES):
-            array[row, lane] = table[row, first + lane]
-
-
-@inline_called_njit
-def _give(array, table, first):
-    """Write them back."""
-    for row in range(array.shape[0]):
-        for lane in range(LANES):
-            table[row, first + lane] = array[row, lane]
-
-
 def group_flight(model, key, p_shape, law_shape, vehicle_class):
     """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters, law and vehicle being of these shapes.
 
@@ -157,7 +134,9 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         """The trials' own air, node by node from the last down, one normal a node."""
         bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
         normal_numbers, drawn, value = lane_array(NORMALS_PER_BLOCK), lane_array(DRAWN), lane_array(1)
-        _fill(drawn, 0.0)
+        for row in range(DRAWN):
+            for lane in range(LANES):
+                drawn[row, lane] = 0.0
         top = table.shape[0] - 1
         for number in range(top + 1):
             position, node = number % NORMALS_PER_BLOCK, top - number
@@ -179,14 +158,16 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         guide, later = guides[number], steering(number + 1)
 
         @inline_called_njit
-        def steer(told, command, chosen, in_phase, steered):
+        def steer(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns):
+            half_index, time, cycle, share = place
             needed = 0
             for lane in range(LANES):
-                steered[0, lane] = chosen[0, lane] * (in_phase[0, lane] == number if phases > 1 else 1.0)
-                needed += steered[0, lane] > 0.0
+                turns[0, lane] = chosen[0, lane] * (in_phase[0, lane] == number if phases > 1 else 1.0)
+                needed += turns[0, lane] > 0.0
             if needed > 0:
-                guide(*told, command, steered)
-            later(told, command, chosen, in_phase, steered)
+                told = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
+                guide(*told, command, turns)
+            later(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns)
 
         return steer
 
@@ -207,24 +188,29 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         memory, vehicle, noise, drawn = lane_array(MEMORY), lane_array(VEHICLE), lane_array(NOISES), lane_array(DRAWN)
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
-        steered, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
+        turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
-        _fill(drawn, 0.0)  # stays, if air is given
+        for row in range(DRAWN):
+            for lane in range(LANES):
+                drawn[row, lane] = 0.0  # stays, if air is given
         if varies and given_air.shape[0] == 0:
             sample_air(seed, air_stream, first_trial, air, drawn, p)
-        if given_air.shape[0] > 0:
-            _take(air, given_air, first)
-        _take(state, starts, first)
-        _take(vehicle, vehicles, first)
-        _take(watched, stored_watched, first)
-        _fill(command, 0.0)
-        _fill(flying, 1.0)
-        _fill(guided, 0.0)
-        _fill(in_phase, 0.0)
-        for row in range(MEMORY):
+        for node in range(given_air.shape[0]):
             for lane in range(LANES):
+                air[node, lane] = given_air[node, first + lane]
+        for lane in range(LANES):
+            for row in range(STATES):
+                state[row, lane] = starts[row, first + lane]
+            for row in range(VEHICLE):
+                vehicle[row, lane] = vehicles[row, first + lane]
+            for row in range(WATCHED):
+                watched[row, lane] = stored_watched[row, first + lane]
+            for row in range(MEMORY):
                 memory[row, lane] = memories[row]
+            for row in range(COMMANDS):
+                command[row, lane] = 0.0
+            flying[0, lane], guided[0, lane], in_phase[0, lane] = 1.0, 0.0, 0.0
 
         # Not literals: what is called with them would be compiled for the literal, and once more for any integer.
         cycle, substep, flown, remaining = np.int64(0), np.int64(0), np.int64(0), np.int64(LANES)
@@ -257,9 +243,10 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 consult(cycle, time, sensed, memory, vehicle, law, p, advice)
                 if phases > 1:
                     phase(cycle, time, sensed, memory, vehicle, law, p, in_phase)
-                share = substep / cycle_steps[cycle]
-                told = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
-                steer(told, command, chosen, in_phase, steered)
+                place = (half_index, time, cycle, substep / cycle_steps[cycle])
+                steer(
+                    place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns
+                )
                 for lane in range(LANES):
                     guided[0, lane] = 1.0 if chosen[0, lane] > 0.0 else guided[0, lane]
             if watches and (watch_steps or guides_now):
@@ -268,9 +255,8 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 watch(watched, ending, *scene, asked)
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
-                store(*scene, stored)
-                observe(*scene, seen)
+                store(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, stored)
+                observe(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
                 # negative makes scattered stores.
                 for row in range(rows_stored):
@@ -279,13 +265,16 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 for row in range(OBSERVED):
                     for lane in range(LANES):
                         observed[stored_row, row, np.uint64(first) + np.uint64(lane)] = seen[row, lane]
-                _fill(guided, 0.0)
+                for lane in range(LANES):
+                    guided[0, lane] = 0.0
             if over:
                 break
 
             if NOISES > 0:
                 scale = np.sqrt(step / increments) / step
-                _fill(noise, 0.0)
+                for component in range(NOISES):
+                    for lane in range(LANES):
+                        noise[component, lane] = 0.0
                 for _ in range(increments):
                     for component in range(NOISES):
                         block = number // NORMALS_PER_BLOCK
@@ -333,7 +322,11 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         for lane in range(LANES):
             end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
         finish(end_time, state, found, sensed, command, memory, vehicle, drawn, watched, p, final)
-        _give(final, stored_final, first)
-        _give(watched, stored_watched, first)
+        for row in range(FINAL):
+            for lane in range(LANES):
+                stored_final[row, first + lane] = final[row, lane]
+        for row in range(WATCHED):
+            for lane in range(LANES):
+                stored_watched[row, first + lane] = watched[row, lane]
 
     return fly_group
