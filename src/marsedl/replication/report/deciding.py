@@ -98,9 +98,7 @@ class Deciding:
         self.errata, self.judge = tuple(errata), judge
         self._choices = list(judge.choices) if judge else []
         self._rows = {row.id: row for row in claims}
-        self._refuted = [row for row in claims if row.is_refuted]
-        self._headline = sorted((row for row in claims if row.headline), key=lambda row: row.headline)
-        self._judged = [row.id for row in claims if judge and row.id in judge.table.claim]
+        self._judged = [row for row in claims if judge and row.id in judge.table.claim]
 
     def effects(self) -> list[ErratumEffect]:
         """Return what each erratum changes, by rank and, within `HEADLINE`, by the largest change of a number."""
@@ -112,12 +110,12 @@ class Deciding:
 
     def _effect(self, erratum: Erratum) -> ErratumEffect:
         named = [row.id for row in self._rows.values() if erratum.id in row.errata]
-        refuted = [row.id for row in self._refuted if erratum.id in row.errata]
+        refuted = [name for name in named if self._rows[name].is_refuted]
         choices = [one.name for one in self._choices if one.erratum == erratum.id]
         changed = [
-            Changed(name, self.judge.verdict(name), effect)
-            for name in self._judged
-            for effect in self.judge.effects(name)
+            Changed(row.id, self.judge.verdict(row.id), effect)
+            for row in self._judged
+            for effect in self.judge.effects(row.id)
             if effect.choice in choices
         ]
         if not changed:
@@ -137,19 +135,16 @@ class Deciding:
     def causes(self) -> dict[str, Cause | None]:
         """Return the cause of every claim that differs or fails; None if no choice by itself moves it towards print."""
         found = {}
-        for row in self._refuted:
-            if row.id in self._judged:
-                cause = cause_of(self.judge.effects(row.id))
-                found[row.id] = cause and Cause(
-                    self.judge.choices.by_name[cause.choice], *self._range(row, cause.choice)
-                )
+        for row in (row for row in self._judged if row.is_refuted):
+            cause, by_name = cause_of(self.judge.effects(row.id)), self.judge.choices.by_name
+            found[row.id] = cause and Cause(by_name[cause.choice], *self._range(row, cause.choice), self._unit(row))
         return found
 
-    def _range(self, row: Claim, choice: str) -> tuple[float, float, str]:
-        """The least and largest number over the values of a choice and in `corrected`, and their unit."""
+    def _range(self, row: Claim, choice: str) -> tuple[float, float]:
+        """The least and largest number over the values of a choice and in `corrected`."""
         effects = [one for one in self.judge.effects(row.id) if one.choice == choice and math.isfinite(one.number)]
         values = [number for one in effects for number in (one.number, one.number - one.difference)]
-        return min(values, default=math.nan), max(values, default=math.nan), self._unit(row)
+        return min(values, default=math.nan), max(values, default=math.nan)
 
     def _unit(self, row: Claim) -> str:
         """The unit of the number that decides a claim."""
@@ -168,15 +163,15 @@ class Deciding:
         that any choice moves, or of any headline claim.
         """
         found = []
-        for row in self._headline:
-            one = self.judge.judged(row.id) if row.id in self._judged else None
-            if one and math.isfinite(one.number) and math.isfinite(one.printed):
+        for row in sorted((row for row in self._judged if row.headline), key=lambda row: row.headline):
+            one = self.judge.judged(row.id)
+            if math.isfinite(one.number) and math.isfinite(one.printed):
                 effects = [e for e in one.effects if e.cause == "result" and math.isfinite(e.difference)]
                 effects.sort(key=lambda effect: -abs(effect.difference))
                 found.append(Number(row, one.number, one.error, one.printed, self._unit(row), effects))
 
-        causes = {one.claim.id: cause for one in found if one.claim.is_refuted and (cause := cause_of(one.effects))}
-        main = max(causes.values(), key=lambda effect: effect.size, default=None)
+        causes = [cause for one in found if one.claim.is_refuted and (cause := cause_of(one.effects))]
+        main = max(causes, key=lambda effect: effect.size, default=None)
 
         def order(one: Number) -> tuple[bool, ...]:
             refuted, moving = one.claim.is_refuted, [e for e in one.effects if e.counts]
@@ -192,7 +187,7 @@ class Deciding:
             if one.erratum:
                 continue
             effects = [e for e in all_effects if e.choice == one.name]
-            low, high = self._range(self.number.claim, one.name)[:2] if self.number else (math.nan, math.nan)
+            low, high = self._range(self.number.claim, one.name) if self.number else (math.nan, math.nan)
             found.append(Open(one, low, high, any(e.cause in FAILURES for e in effects)))
         return sorted(found, key=lambda one: -(one.high - one.low) if one.high > one.low else 0.0)
 
