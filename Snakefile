@@ -12,7 +12,7 @@ try:
         raise MarsedlError(
             f"{sys.executable}: Snakemake runs no Python whose path has a space; move the project, or its environment"
         )
-    pin_numerics(Path(workflow.current_basedir))
+    pin_numerics(Path(workflow.current_basedir), here=False)  # Snakemake itself imports numpy first
 except MarsedlError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 

@@ -13,6 +13,7 @@ import pytest
 from marsedl import cli
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.claims.printed import load_published
+from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
@@ -425,3 +426,14 @@ def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
     process = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
     assert "verdict: " in process.stdout, process.stderr
     assert os.linesep + "    printed " in process.stdout
+
+
+@pytest.mark.parametrize(
+    "words", ["what-if powered_descent a=1", "universe powered_descent 99", "trial funnels mine 1"]
+)
+def test_what_computes_pins_the_numeric_environment_before_numpy_is_imported(words):
+    """The last bits of array code depend on it; it ends in a traceback otherwise."""
+    shell = {name: value for name, value in os.environ.items() if name not in NUMERIC_ENVIRONMENT}
+    command = [sys.executable, "-m", "marsedl.cli", *words.split()]
+    process = subprocess.run(command, cwd=ROOT, env=shell, capture_output=True, text=True, check=False)
+    assert process.returncode == 2 and process.stderr.startswith("marsedl: "), process.stderr

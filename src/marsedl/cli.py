@@ -276,9 +276,9 @@ def _trial(options) -> None:
 
     Prints how the trial goes, and whether it agrees with the stored ensemble if there is one.
     """
-    from marsedl.replication.pipeline import numerics, runner
+    _pin_numerics()
+    from marsedl.replication.pipeline import runner
 
-    numerics.pin_numerics(project_root())
     paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
     study = project.studies[paper.slug]
     cases = study.reading(options.reading).inputs.CASES
@@ -293,6 +293,7 @@ def _what_if(options) -> None:
 
     Computes in memory, and shows the verdicts that change and the numbers that move by more than their error.
     """
+    _pin_numerics()
     from marsedl.plotting.style import save_side_by_side
     from marsedl.replication.universes.what_if import changes_of, drawn, what_if
 
@@ -344,6 +345,7 @@ def _compare(options) -> None:
 
 def _universe(options) -> None:
     """Compute one universe of a paper again, and show its choices and what its claims give."""
+    _pin_numerics()
     from marsedl.replication.universes.designs import numbered
 
     evaluator = _evaluator(options.paper)
@@ -351,13 +353,18 @@ def _universe(options) -> None:
     _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
 
 
+def _pin_numerics() -> None:
+    """Give this process the numeric environment of jobs, before it imports numpy."""
+    from marsedl.replication.pipeline.numerics import pin_numerics
+
+    pin_numerics(project_root())
+
+
 def _evaluator(slug: str):
     """What evaluates the claims of a paper in universes."""
     from marsedl.papers import input_model
-    from marsedl.replication.pipeline.numerics import pin_numerics
     from marsedl.replication.universes.table import Evaluator
 
-    pin_numerics(project_root())
     return Evaluator(_catalogue(slug), input_model(slug), project_root())
 
 

@@ -32,7 +32,7 @@ class Campaign:
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
-        self.law = laws.bind(law, model.flight, nominal)
+        self.law = laws.bind(law, model.flight, nominal, model.units)
         self.trigger, end, self.end = laws.trigger_of(trigger, model.flight, nominal, model.units(nominal))
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         if end:

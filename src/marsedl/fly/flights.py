@@ -127,6 +127,9 @@ class Flights:
         import pandas as pd
 
         counted, left_out = self._counted()
+        if 0.5 <= np.max(levels) < 1.0:
+            largest = np.max(levels)
+            warnings.warn(f"levels are per cent: for {largest:.0%} write {100.0 * largest:g}", stacklevel=2)
         rows = []
         for name in [names] if isinstance(names, str) else names:
             samples = self.values(name)[counted]

@@ -1,6 +1,7 @@
 """Guidance laws and triggers as users write them, made into the functions that a flight is compiled from."""
 
 import inspect
+import warnings
 from collections import namedtuple
 from functools import lru_cache, partial
 from pathlib import Path
@@ -54,7 +55,11 @@ class GainTable:
         if isinstance(source, str | Path):
             if not Path(source).is_file():
                 raise ValueError(f"{name}: there is no such gain table; check the path")
-            cells = np.genfromtxt(source, delimiter=",", names=True, dtype=float, comments="#", ndmin=1)
+            try:
+                cells = np.genfromtxt(source, delimiter=",", names=True, dtype=float, comments="#", ndmin=1)
+            except ValueError:
+                problem = "is no table of numbers under a line of names, separated by commas"
+                raise ValueError(f"{name}: {problem}; write it so") from None
             source = {column: cells[column] for column in cells.dtype.names}
         columns = {str(key): np.asarray(source[key], float) for key in source}
         if against not in columns:
@@ -103,13 +108,13 @@ class Gains(NamedTuple):
     values: np.ndarray  # (columns, nodes)
 
 
-def bind(law, flight, nominal) -> Bound:
+def bind(law, flight, nominal, units) -> Bound:
     """Make of a law what a flight needs.
 
     Args:
         law: None; a number or a tuple of numbers, the constant command; a `GainTable`; a function; a
             `functools.partial` of one with its argument `law`; or the parameters of the flight's own guidance.
-        flight: `Flight` that it shall steer. nominal: start by name.
+        flight: `Flight` that it shall steer. nominal: start by name. units: function from names to units by name.
 
     Raises:
         ValueError: for a law that is none of these, asks for what it is not told, or returns no command.
@@ -123,12 +128,19 @@ def bind(law, flight, nominal) -> Bound:
     told, command = told_by(flight), _command_of(flight)
     if isinstance(law, GainTable):
         commanded, values = law.commanded(told._fields, command._fields), np.array([*law.columns.values()])
+        first, last, begins = law.nodes[0], law.nodes[-1], nominal.get(law.against, law.nodes[0])
+        if not first <= begins <= last:
+            held = "whose nearest row is held until then"
+            warnings.warn(f"flights start at {law.against} {begins:g}, beyond {law.name}, {held}", stacklevel=4)
         return Bound(("table", law.against, tuple(law.columns), commanded), Gains(law.nodes, values))
     if law is None or isinstance(law, int | float | tuple):
         numbers = (0.0,) * len(command._fields) if law is None else law if isinstance(law, tuple) else (law,)
         if len(numbers) != len(command._fields) or not np.isfinite(numbers).all():
             names = ", ".join(command._fields)
             raise ValueError(f"law {law!r}: a constant command is {len(command._fields)} numbers: {names}")
+        for name, number in zip(command._fields, numbers, strict=True):
+            if units(command._fields)[name] == "rad" and abs(number) > 2.0 * np.pi:
+                raise ValueError(f"law {law!r}: {name} is {number:g} rad, more than a turn; give it in radians")
         return Bound(("constant",), command(*map(float, numbers)))
     function, given = (law.func, law.keywords) if isinstance(law, partial) else (law, {})
     function = getattr(function, "py_func", function)
@@ -151,12 +163,13 @@ def bind(law, flight, nominal) -> Bound:
             raise ValueError(
                 f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}"
             )
-    _try_once(function, asked, kinds if remembers else (command,), told, nominal, parameters)
-    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked)), parameters)
+    result = _try_once(function, asked, kinds if remembers else (command,), told, nominal, parameters)
+    several = len(command._fields) > 1 or isinstance(result, tuple)
+    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked), several), parameters)
 
 
 def _try_once(function, asked, kinds, told, nominal, parameters):
-    """Ask a law once, so that a wrong one is told before anything is compiled.
+    """Ask a law once, so that a wrong one is told before anything is compiled. Returns its answer, None without one.
 
     It is told the nominal start, and one for all else: what goes wrong with such numbers is left to the flight.
     """
@@ -165,11 +178,16 @@ def _try_once(function, asked, kinds, told, nominal, parameters):
     if len(kinds[-1]._field_defaults) == len(kinds[-1]._fields):
         offered["memory"] = kinds[-1]()
     if not all(name in offered for name in asked):
-        return
+        return None
     try:
         result = function(*(offered[name] for name in asked))
     except (ArithmeticError, TypeError, ValueError):
-        return
+        return None
+    except AttributeError as error:
+        if error.obj is not sensed:
+            raise
+        unknown = f"asks for sensed.{error.name}, of which it is not told"
+        raise ValueError(f"{described(function)} {unknown}; {remedy(error.name, told._fields)}") from None
     parts = ((*result,) if isinstance(result, tuple) else (result,),) if len(kinds) == 1 else result
     sizes = [len(part) if isinstance(part, tuple) else None for part in parts] if isinstance(parts, tuple) else []
     if sizes != [len(kind._fields) for kind in kinds] or not all(
@@ -177,6 +195,7 @@ def _try_once(function, asked, kinds, told, nominal, parameters):
     ):
         wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
         raise ValueError(f"{described(function)} returned {result!r}; it must return {wanted}")
+    return result
 
 
 def told_by(flight):
@@ -267,10 +286,10 @@ def completed(flight, law, trigger):
         elif kind == "table":
             parts |= _of_table(*details, told, command, returns)
         else:
-            function, asked = details
+            function, asked, several = details
             arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
             needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
-            star = "*" if len(command._fields) > 1 else ""
+            star = "*" if several else ""
             text = f"({needed}):\n    return Command({star}law_of_user({arguments})), ()"
             parts["guide"] = _made(text, returns, function, Command=command, law_of_user=jitable(function))
     if trigger is not None:

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import sys
 from pathlib import Path
 
 from marsedl.replication.errors import MarsedlError
@@ -24,13 +25,21 @@ _OF_A_SHELL = ("NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES")
 _OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
 
 
-def pin_numerics(root: Path) -> None:
-    """Set the numeric environment of this process and its children; call it before numpy is imported.
+def pin_numerics(root: Path, *, here: bool = True) -> None:
+    """Set the numeric environment of this process and its children.
 
-    root: the project's folder, which also holds the cache of compiled kernels.
+    Args:
+        root: the project's folder, which also holds the cache of compiled kernels.
+        here: this process computes too. Then numpy, which reads the environment once, must not be imported yet.
 
-    Raises MarsedlError if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL.
+    Raises:
+        MarsedlError: if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL.
+        RuntimeError: if numpy was imported in another environment.
+
     """
+    pinned = all(os.environ.get(name) == value for name, value in NUMERIC_ENVIRONMENT.items())
+    if here and not pinned and "numpy" in sys.modules:
+        raise RuntimeError("numpy is imported before the numeric environment is pinned: import it afterwards")
     from llvmlite.binding import get_host_cpu_features
 
     from marsedl.replication.pipeline import kernel_cache
