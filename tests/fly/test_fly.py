@@ -335,7 +335,7 @@ MISTAKES = [
     (
         START,
         {"law": misspells},
-        r"misspells \(.*line \d+\) asks for sensed.speed, of which it is not told; There are: ",
+        r"misspells \(.*line \d+\) asks for sensed.speed, of which it is not told",
     ),
     (START, {"law": 57.0}, r"law 57.0: bank is 57 rad, more than a turn; give it in radians"),
     (START, {"law": GainTable({"speed": [0, 1], "bank": [0, 1]}, "speed")}, r"the law is not told 'speed'"),

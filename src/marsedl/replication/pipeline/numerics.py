@@ -37,9 +37,6 @@ def pin_numerics(root: Path, *, here: bool = True) -> None:
         RuntimeError: if numpy was imported in another environment.
 
     """
-    pinned = all(os.environ.get(name) == value for name, value in NUMERIC_ENVIRONMENT.items())
-    if here and not pinned and "numpy" in sys.modules:
-        raise RuntimeError("numpy is imported before the numeric environment is pinned: import it afterwards")
     from llvmlite.binding import get_host_cpu_features
 
     from marsedl.replication.pipeline import kernel_cache
@@ -51,6 +48,9 @@ def pin_numerics(root: Path, *, here: bool = True) -> None:
             "this processor, or the virtual machine's, has no AVX2 and FMA, which linear algebra is pinned to: run on "
             "one that has, or let the virtual machine pass on its host's processor"
         )
+    pinned = all(os.environ.get(name) == value for name, value in NUMERIC_ENVIRONMENT.items())
+    if here and not pinned and "numpy" in sys.modules:
+        raise RuntimeError("numpy is imported before the numeric environment is pinned: import it afterwards")
     for name in [name for name in os.environ if name.startswith("NUMBA_") or name in _OF_A_SHELL]:
         del os.environ[name]
     os.environ.update(NUMERIC_ENVIRONMENT)
