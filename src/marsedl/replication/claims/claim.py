@@ -10,15 +10,16 @@ from marsedl.replication.sizes import FULL
 
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
-NUMBER_VERDICTS = ("reproduced", "close", "differs", "undetermined")
-STATEMENT_VERDICTS = ("holds", "fails", "undetermined")
 STANDING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim stands
 BY_CONSTRUCTION = "by_construction"  # what cannot fail
 # Inputs, literature and what cannot fail: shown, never counted.
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted", BY_CONSTRUCTION)
 UNDECIDED = "undetermined"  # the kind of what the paper's own problem does not fix
 NUMBERS, STATEMENTS = "numbers", "statements"  # the two kinds of results, which are counted apart
-VERDICTS_OF = {NUMBERS: NUMBER_VERDICTS, STATEMENTS: STATEMENT_VERDICTS}
+VERDICTS_OF = {
+    NUMBERS: ("reproduced", "close", "differs", "undetermined"),
+    STATEMENTS: ("holds", "fails", "undetermined"),
+}
 MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 

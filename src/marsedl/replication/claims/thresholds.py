@@ -43,9 +43,6 @@ class Limit:
     def __rsub__(self, hard):  # noqa: D105
         return self * -1.0 + hard
 
-    def __format__(self, form: str) -> str:  # noqa: D105
-        return format(self.at(1.0), form)
-
     __rmul__, __radd__ = __mul__, __add__
 
 
