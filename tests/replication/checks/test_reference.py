@@ -238,6 +238,21 @@ def test_the_printed_claims_are_those_that_were_accepted(path):
         assert {name: entry for name, entry in accepted.items() if name.startswith("published/")} == printed
 
 
+@pytest.mark.parametrize(("accepted", "apart"), [(1349.4, "2 standard errors"), ([1349.4, 1350.0], "shape [2]")])
+def test_a_sampled_number_that_moves_is_told_in_standard_errors_if_both_are_single_numbers(
+    project, capsys, accepted, apart
+):
+    claim(project, accepted)
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
+    claim(project, 1349.4 + 2 * np.sqrt(2))
+    path = project / "report" / "claims" / f"{SLUG}.json"
+    (row,) = json.loads(path.read_text(encoding="utf-8"))
+    row["readings"]["corrected"]["standard_error"] = 1.0
+    path.write_text(json.dumps([row]), encoding="utf-8")
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    assert apart in capsys.readouterr().out.splitlines()[-2]
+
+
 def test_a_lost_artifact_fails(project, capsys):
     (project / ARTIFACT).unlink()
     assert cli.main(["verify", "--no-rebuild", "--all"]) == 1

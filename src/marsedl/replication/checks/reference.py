@@ -224,18 +224,23 @@ def _described(entry: Mapping | None, moment: int) -> str:
 def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
     """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
 
-    rows: the claims of the build, for their words and standard errors; without one, a distance is in tolerances.
+    rows: the claims of the build, which say what they are about. The distance of two of a claim's single numbers is in
+    standard errors, any other in tolerances.
     """
-    words, errors = {row.id: (row.plain or row.quantity).rstrip(".") for row in rows}, _errors(rows)
+    words = {row.id: (row.plain or row.quantity).rstrip(".") for row in rows}
+    errors = {f"{_CLAIMS}{row.id}/{name}": of.standard_error for row in rows for name, of in row.readings.items()}
     kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
     claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
     inner = [change for change in numbers if not change.name.startswith(_CLAIMS)]
     shown_claims, shown_inner = (claims, inner) if all_of_them else (claims[:_ROWS], [])
     lines = [("claim or field", "accepted", "now", "apart")]
     for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_claims, *shown_inner]:
-        apart = f"{change.margin:.3g} tolerances" if np.isfinite(change.margin) else ""
-        if (error := errors.get(change.name)) and _NOTHING not in (change.old, change.new):
-            apart = f"{abs(float(change.new) - float(change.old)) / error:.3g} standard errors"
+        apart, error = "", errors.get(change.name)
+        if np.isfinite(change.margin) and error and isinstance(error, int | float):
+            off = abs(float(change.new) - float(change.old)) / float(np.sqrt(2.0) * error)
+            apart = f"{off:.3g} standard errors"
+        elif np.isfinite(change.margin):
+            apart = f"{change.margin:.3g} tolerances"
         name = change.name.removeprefix(_CLAIMS)
         said = words.get(re.split("[/,]", name)[0]) if change.of or name != change.name else ""
         named = f"{said} ({kinds[change.of]}{name})" if said else kinds[change.of] + name
@@ -324,16 +329,6 @@ def _without(entries: Entries, readings: Iterable[str]) -> Entries:
         elif name.split("/")[2 if name.startswith(_CLAIMS) else 0] not in readings:
             left[name] = entry
     return left
-
-
-def _errors(rows: Iterable[Claim]) -> dict[str, float]:
-    """The standard errors of differences of two of a claim's single number, by the names of the numbers."""
-    return {
-        f"{_CLAIMS}{row.id}/{reading}": float(np.sqrt(2.0) * result.standard_error)
-        for row in rows
-        for reading, result in row.readings.items()
-        if isinstance(result.standard_error, int | float)
-    }
 
 
 def accept_reference(
