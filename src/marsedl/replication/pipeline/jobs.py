@@ -112,8 +112,14 @@ def guarded(snakemake) -> Iterator[Job]:
         log.write_text("")
         assert_numerics()
         job.check_libraries()
-        with _recorded(*job.made.get("record", ())):
-            yield job
+        # What the products are made from is recorded when the job ends; until then nothing is.
+        path, digest = job.made.get("record", ("", ""))
+        if path:
+            Path(path).unlink(missing_ok=True)
+        yield job
+        if path:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(f"{digest}\n", encoding="ascii")
     except Exception as error:
         with contextlib.suppress(OSError):  # a full disk must not hide the error itself
             log.write_text(traceback.format_exc())
@@ -123,17 +129,6 @@ def guarded(snakemake) -> Iterator[Job]:
         message = f"\n{where}: {_described(error, snakemake)}\n(log: {Path(folder) / log})\n"
         print(message, file=sys.stderr)
         sys.exit(1)
-
-
-@contextlib.contextmanager
-def _recorded(path: str = "", digest: str = "") -> Iterator[None]:
-    """Record what a job's products are made from, when it ends; until then nothing is recorded."""
-    if path:
-        Path(path).unlink(missing_ok=True)
-    yield
-    if path:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(f"{digest}\n", encoding="ascii")
 
 
 def _described(error: Exception, snakemake) -> str:

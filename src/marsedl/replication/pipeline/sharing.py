@@ -25,21 +25,11 @@ class Shared:
 
     def __init__(self, paper: Paper, study: Study, reached: Callable[..., dict] = lambda *entries: {}):
         """Take the catalogue, the readings, and what gives a recipe's part of a script's and functions' code."""
-        self.paper, self._study, self._reached = paper, study, reached
+        self.paper, self.study, self._reached = paper, study, reached
         self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
         self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
         self.recipe, self.owner = cache(self._recipe), cache(self._owner)
         self._digest = cache(lambda reading, name: recipe_digest(self.recipe(reading, name)))
-
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """The readings whose artifacts are made as files."""
-        return self._study.built
-
-    @property
-    def own_readings(self) -> frozenset[str]:
-        """The readings of a user's file."""
-        return self._study.own_readings
 
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
@@ -65,7 +55,7 @@ class Shared:
 
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
-        own = reading in self.own_readings
+        own = reading in self.study.own_readings
         stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
         names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
         names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
@@ -74,7 +64,7 @@ class Shared:
     def chunks(self, reading: str, case: str) -> list[str]:
         """Return the names of a case's chunks: no more than it has blocks of trials, if any."""
         blocks = -(-self._flown[reading].get(case, 0) // self.paper.trials_per_block)
-        number = min(self._study.chunks[case], blocks)
+        number = min(self.study.chunks[case], blocks)
         return [f"chunks/{case}.{chunk}of{number}" for chunk in range(number)]
 
     @cached_property
