@@ -26,10 +26,14 @@ class Shared:
     def __init__(self, paper: Paper, study: Study, reached: Callable[..., dict] = lambda *entries: {}):
         """Take the catalogue, the readings, and what gives a recipe's part of a script's and functions' code."""
         self.paper, self.study, self._reached = paper, study, reached
-        self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
+        self.values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
         self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
         self.recipe, self.owner = cache(self._recipe), cache(self._owner)
         self._digest = cache(lambda reading, name: recipe_digest(self.recipe(reading, name)))
+
+    def inputs(self, reading: str, names: Iterable[str]) -> dict[str, object]:
+        """Return plain inputs of a reading by "section.name", in the order of their names."""
+        return {name: self.values[reading][name] for name in sorted(names)}
 
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
@@ -93,7 +97,7 @@ class Shared:
         stage, options = self._job(reading, name)
         declared = self.paper.stages[stage]
         return {
-            "inputs": {key: self._values[reading][key] for key in declared.inputs},
+            "inputs": self.inputs(reading, declared.inputs),
             "options": options,
             "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
             **self._reached("stage.py", *declared.entries),

@@ -151,7 +151,7 @@ class Recipes:
             self.shared[paper].files(reading, products[0].needs, products[0].optional).values(),
             *(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
             stems=stems,
-            inputs=self.studies[paper].readings[reading].slice(inputs),
+            inputs=self.shared[paper].inputs(reading, inputs),
             printed=self._file_digest(f"data/published/{paper}.yaml") if printed else "",
         )
 
@@ -160,13 +160,13 @@ class Recipes:
         files = [self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()]
         needs = [path for of_paper in files for path in of_paper.values()]
         entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
-        inputs = {slug: self.studies[slug].readings[CORRECTED].slice(taken.inputs) for slug, taken in takes.items()}
+        inputs = {slug: self.shared[slug].inputs(CORRECTED, taken.inputs) for slug, taken in takes.items()}
         return self._made(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
 
     def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
         """What claims are judged from in some readings."""
         return {
-            "inputs": {name: self.studies[paper].readings[name].inputs.plain() for name in readings},
+            "inputs": {name: self.shared[paper].values[name] for name in readings},
             "artifacts": {name: self.claimed(paper, name) for name in readings},
             "published": self._file_digest(f"data/published/{paper}.yaml"),
             "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
