@@ -10,13 +10,12 @@ from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.pipeline import targets
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
-from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
-from marsedl.replication.report.pages import HEADLINE, site_files, universe_pictures
+from marsedl.replication.report.files import HEADLINE, site_files, universe_pictures
 from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
@@ -188,9 +187,11 @@ def quoting(paper, reading):
 
     To read the verdicts takes longer than to plan all jobs.
     """
-    readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
     if "--report" not in targets.words_of(sys.argv):
         return PAPERS[paper]
+    from marsedl.replication.claims.rows import read_claims
+
+    readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
     with contextlib.suppress(MarsedlError):
         if path.exists():
             return with_numbers(PAPERS[paper], Quotes(read_claims(path), readings, reading))

@@ -1,5 +1,6 @@
 """Compute further universes of a paper where all of its headlines may be true at once."""
 
+from functools import partial
 from pathlib import Path
 
 from marsedl.papers import catalogue, input_model
@@ -13,10 +14,7 @@ with guarded(snakemake) as job:
     evaluator = Evaluator(catalogue(paper), input_model(paper), project, size, job.made["own"])
     table = store.load(snakemake.input.table, Universes, paper=paper)
     matching = Matching(evaluator.study.choices, evaluator.published.values())
-    table = matching.extended(
-        table,
-        lambda universes: tabulated(evaluator, universes, f"{paper}, wave {universes[0].wave}"),
-        evaluator.study.universes.wave,
-    )
+    compute = partial(tabulated, evaluator, title=f"{paper}, waves")
+    table = matching.extended(table, compute, evaluator.study.universes.wave)
     provenance = {"size": size, "world": world_of(job.made)}
     store.save(snakemake.output[0], table, paper=paper, reading="universes", provenance=provenance)

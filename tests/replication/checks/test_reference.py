@@ -35,8 +35,8 @@ ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 def owned(*noise):
     """Stands for `Shared`: a paper with one reading and one artifact."""
     paper = SimpleNamespace(slug=SLUG, noise=noise)
-    of = {"readings": ("corrected",), "own_readings": frozenset(), "claimed": lambda reading: {"nominal": ARTIFACT}}
-    return {SLUG: SimpleNamespace(paper=paper, **of)}
+    study = SimpleNamespace(built=("corrected",), own_readings=frozenset())
+    return {SLUG: SimpleNamespace(paper=paper, study=study, claimed=lambda reading: {"nominal": ARTIFACT})}
 
 
 @dataclass(frozen=True)
@@ -308,7 +308,7 @@ def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project
 def test_a_reading_of_ones_own_without_reference_is_a_note(project, capsys):
     claim(project, 1349.4, printed="fails")
     shared = owned()
-    shared[SLUG].own_readings = frozenset({"printed"})
+    shared[SLUG].study.own_readings = frozenset({"printed"})
     assert reference.compare_reference(project, project, shared, {SLUG: MADE})
     assert "note: reading printed has no reference yet" in capsys.readouterr().out
     reference.accept_reference(project, project, shared, {SLUG: MADE})

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from marsedl.replication.claims.writing import evaluate
-from marsedl.replication.errors import ArtifactError
 from marsedl.replication.inputs.sections import Number, Section, given
 from marsedl.replication.pipeline.catalogue import Flown, Paper, Product, Stage
 from marsedl.replication.pipeline.runner import Memory, Run
@@ -85,7 +84,7 @@ def tab1(published, gains: Gains):
 
 @pytest.fixture
 def run(monkeypatch):
-    """Return a run of a toy paper with some inputs changed; all runs of a test share a memory unless one is given."""
+    """Return a run of a toy paper with some inputs changed; all runs of a test share a memory."""
     for name, functions in {
         "stages": (nominal, gains, simulate, gather),
         "tables": (tab1,),
@@ -105,19 +104,19 @@ def run(monkeypatch):
     paper = Paper("toy", "", "", "", {}, {"tab1": Product("", needs=("gains",))}, stages=stages)
     shared = Memory()
 
-    def of(memory=shared, trials=4, **changes):
+    def of(trials=4, **changes):
         values = {**VALUES, **{f"vehicle.{name}": value for name, value in changes.items() if name != "colour"}}
         values["drawing.colour"] = changes.get("colour", "red")
-        return Run(paper, values, memory, {"windy": trials})
+        return Run(paper, values, shared, {"windy": trials})
 
     return of
 
 
 def computed(run):
     """How many stages a run computes for its claims."""
-    before = run.memory.computed
+    before = len(run.memory)
     evaluate(run, {})
-    return run.memory.computed - before
+    return len(run.memory) - before
 
 
 def test_claims_and_tables_come_from_the_records(run):
@@ -139,19 +138,6 @@ def test_claims_and_tables_come_from_the_records(run):
 def test_a_changed_input_computes_what_follows_from_it(run, changes, stages):
     assert computed(run()) == 3
     assert computed(run(**changes)) == stages
-
-
-def test_a_folder_remembers_for_other_processes(run, tmp_path):
-    first, second = Memory(tmp_path), Memory(tmp_path)
-    assert evaluate(run(first), {}) == evaluate(run(second), {})
-    assert (first.computed, second.computed) == (3, 0)
-    edited = Memory(tmp_path, code=lambda entry: f"{entry} edited")
-    evaluate(run(edited), {})
-    assert edited.computed == 3, "an edit of the code makes them anew"
-    for path in tmp_path.glob("*.h5"):
-        path.write_bytes(b"")
-    with pytest.raises(ArtifactError, match="truncated"):
-        evaluate(run(Memory(tmp_path)), {})
 
 
 def test_records_are_those_that_a_job_would_load(run, tmp_path):

@@ -97,7 +97,7 @@ def test_readings_of_other_numbers_of_trials_share_no_flights():
 
 def test_claims_use_the_studies_of_their_readings_and_the_cases_that_are_flown():
     whose = shared(printed={"ensemble__more_trials": 5})
-    assert whose.readings == ("printed", "corrected")
+    assert whose.study.built == ("printed", "corrected")
     stages = {"nominal", "gains", "other"}
     assert whose.claimed("printed").keys() == stages | {"montecarlo.calm", "montecarlo.windy"}
     assert whose.claimed("corrected").keys() == stages | {"study", "montecarlo.calm"}

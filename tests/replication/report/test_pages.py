@@ -26,7 +26,8 @@ from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 from marsedl.replication.report.assembly import Input, PaperReport, Reading, Solved
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.report.deciding import Deciding
-from marsedl.replication.report.pages import _templates, build_site, site_files
+from marsedl.replication.report.files import site_files
+from marsedl.replication.report.pages import _templates, build_site
 from marsedl.replication.report.pictures import picture
 from marsedl.replication.universes.judging import Effect, cause_of
 

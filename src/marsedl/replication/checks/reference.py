@@ -293,7 +293,7 @@ def compare_reference(
                 f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}, not built here; "
                 f"give the --configfile that holds it, or accept"
             )
-        new = (_readings_of(found) - _readings_of(reference)) & shared.own_readings
+        new = (_readings_of(found) - _readings_of(reference)) & shared.study.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
         without_reason = unexplained(rows) if folder is None else []
         lines = [_summary(slug, comparison)]
@@ -406,7 +406,7 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
 def _found(build: Path, shared: Shared, rows: Sequence[Claim], folder: Path | None) -> dict[str, dict | str]:
     """What is compared with a reference: with the committed one, also what each counterexample turns a verdict into."""
     files = {}
-    for reading in sorted(shared.readings):
+    for reading in sorted(shared.study.built):
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
     entries = fingerprints(rows, files)
     if folder is None:

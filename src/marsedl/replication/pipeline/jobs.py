@@ -112,8 +112,14 @@ def guarded(snakemake) -> Iterator[Job]:
         log.write_text("")
         assert_numerics()
         job.check_libraries()
-        with _recorded(*job.made.get("record", ())):
-            yield job
+        # What the products are made from is recorded when the job ends; until then nothing is.
+        path, digest = job.made.get("record", ("", ""))
+        if path:
+            Path(path).unlink(missing_ok=True)
+        yield job
+        if path:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(f"{digest}\n", encoding="ascii")
     except Exception as error:
         folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).resolve().parents[1])
         place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading, "job": log.stem}
@@ -128,17 +134,6 @@ def guarded(snakemake) -> Iterator[Job]:
 def failure(log: Path) -> str:
     """Return the message of a failed job, the last paragraph of its log; empty if it wrote none."""
     return log.read_text(encoding="utf-8").rpartition("\n\n")[2] if log.exists() else ""
-
-
-@contextlib.contextmanager
-def _recorded(path: str = "", digest: str = "") -> Iterator[None]:
-    """Record what a job's products are made from, when it ends; until then nothing is recorded."""
-    if path:
-        Path(path).unlink(missing_ok=True)
-    yield
-    if path:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(f"{digest}\n", encoding="ascii")
 
 
 def _described(error: Exception, snakemake) -> str:

@@ -9,14 +9,13 @@ chain.
     nominal = Run.of(paper, inputs, memory).record("nominal")
     changed = Run(paper, {**inputs.plain(), "ensemble.seed": 7}, memory, trials).record("gains")
 
-Nothing is global but the imported modules, and no file is written unless the memory has a folder: any number of runs
-can share a memory, in one process or, by its folder, in several. A job is a run whose memory is its input files.
+Nothing is global but the imported modules, and no file is written; any number of runs can share a memory.
 """
 
 import hashlib
 import json
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, nearest
@@ -40,25 +39,20 @@ if typing.TYPE_CHECKING:
 
 
 class Memory:
-    """Records by the digest of what they were computed from, in this process and, if it has a folder, on disk.
+    """Records by the digest of what they were computed from."""
 
-    `computed` counts the stages that were not remembered. A folder outlives an edit, so it needs `code`, the digest
-    of the code behind "module:function": `fingerprints_of(root).code`.
-    """
-
-    def __init__(self, folder: Path | None = None, code: Callable[[str], str] = str):
-        """Start empty, or with what a folder holds of earlier runs."""
-        self.folder, self.code, self.computed = folder, code, 0
+    def __init__(self):
+        """Start empty."""
         self._records: dict[str, tuple[object, str] | Exception] = {}
         self._used: set[str] = set()
         self._kept: set[str] | None = None
 
     def record(self, run: "Run", name: str) -> object:
-        """Return a record of a run, computed if it is not remembered; raises ArtifactError for a damaged file."""
+        """Return a record of a run, computed if it is not remembered."""
         return self._remembered(run, name)[0]
 
     def __len__(self) -> int:
-        """Return how many records, and failures, are remembered in this process."""
+        """Return how many records, and failures, are remembered."""
         return len(self._records)
 
     def let_go(self) -> None:
@@ -71,7 +65,7 @@ class Memory:
         """A record with the digest of its content."""
         stage = run.stage(name)
         made_from = {
-            "code": [self.code(entry) for entry in stage.entries],
+            "functions": stage.entries,
             "inputs": {name: run.values[name] for name in stage.inputs},
             "options": run.flown.get(name, {}),
             "records": {need: self._remembered(run, need)[1] for need in stage.needs},
@@ -80,7 +74,8 @@ class Memory:
         self._used.add(key)
         if key not in self._records:
             try:
-                record = self._record(run, name, key)
+                record = computed(stage.entries, run.given(stage.inputs), run.flown.get(name))
+                record = store.as_loaded(record)
                 self._records[key] = record, store.content_digest(record)
             except (OSError, MemoryError):  # of the machine, which another run may not meet
                 raise
@@ -89,17 +84,6 @@ class Memory:
         if isinstance(remembered := self._records[key], Exception):
             raise remembered
         return remembered
-
-    def _record(self, run: "Run", name: str, key: str) -> object:
-        """A record from its file, if there is one, or computed."""
-        stage, path = run.stage(name), self.folder / f"{key}.h5" if self.folder else None
-        if path and path.exists():
-            return store.load(path, record_type(stage.entries), paper=run.paper.slug)
-        self.computed += 1
-        record = store.as_loaded(computed(stage.entries, run.given(stage.inputs), run.flown.get(name)))
-        if path:
-            store.save(path, record, paper=run.paper.slug, reading=key, provenance={})
-        return record
 
 
 class Run:

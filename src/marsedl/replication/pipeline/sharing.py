@@ -25,21 +25,15 @@ class Shared:
 
     def __init__(self, paper: Paper, study: Study, reached: Callable[..., dict] = lambda *entries: {}):
         """Take the catalogue, the readings, and what gives a recipe's part of a script's and functions' code."""
-        self.paper, self._study, self._reached = paper, study, reached
-        self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
+        self.paper, self.study, self._reached = paper, study, reached
+        self.values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
         self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
         self.recipe, self.owner = cache(self._recipe), cache(self._owner)
         self._digest = cache(lambda reading, name: recipe_digest(self.recipe(reading, name)))
 
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """The readings whose artifacts are made as files."""
-        return self._study.built
-
-    @property
-    def own_readings(self) -> frozenset[str]:
-        """The readings of a user's file."""
-        return self._study.own_readings
+    def inputs(self, reading: str, names: Iterable[str]) -> dict[str, object]:
+        """Return plain inputs of a reading by "section.name", in the order of their names."""
+        return {name: self.values[reading][name] for name in sorted(names)}
 
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
@@ -65,7 +59,7 @@ class Shared:
 
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
-        own = reading in self.own_readings
+        own = reading in self.study.own_readings
         stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
         names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
         names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
@@ -74,7 +68,7 @@ class Shared:
     def chunks(self, reading: str, case: str) -> list[str]:
         """Return the names of a case's chunks: no more than it has blocks of trials, if any."""
         blocks = -(-self._flown[reading].get(case, 0) // self.paper.trials_per_block)
-        number = min(self._study.chunks[case], blocks)
+        number = min(self.study.chunks[case], blocks)
         return [f"chunks/{case}.{chunk}of{number}" for chunk in range(number)]
 
     @cached_property
@@ -103,7 +97,7 @@ class Shared:
         stage, options = self._job(reading, name)
         declared = self.paper.stages[stage]
         return {
-            "inputs": {key: self._values[reading][key] for key in declared.inputs},
+            "inputs": self.inputs(reading, declared.inputs),
             "options": options,
             "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
             **self._reached("stage.py", *declared.entries),

@@ -81,11 +81,6 @@ class Recipes:
         """Return all figures and tables of the comparison across papers."""
         return [f"figures/comparison/{stem}.{ext}" for stem in self.comparisons for ext in ("png", "pdf", "csv", "md")]
 
-    def compared_artifacts(self, stem: str) -> dict[str, dict[str, str]]:
-        """Return the artifacts of a comparison by paper, by parameter."""
-        takes = self.comparisons[stem].takes
-        return {slug: self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()}
-
     def all(self) -> list[str]:
         """Return what `snakemake all` makes, but for what these are made from."""
         return ["report/index.html", "report/claims.json"] + [p for slug in self.papers for p in self.products(slug)]
@@ -156,21 +151,22 @@ class Recipes:
             self.shared[paper].files(reading, products[0].needs, products[0].optional).values(),
             *(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
             stems=stems,
-            inputs=self.studies[paper].readings[reading].slice(inputs),
+            inputs=self.shared[paper].inputs(reading, inputs),
             printed=self._file_digest(f"data/published/{paper}.yaml") if printed else "",
         )
 
     def _comparison(self, stem: str) -> Made:
         takes = self.comparisons[stem].takes
-        needs = [path for files in self.compared_artifacts(stem).values() for path in files.values()]
+        files = [self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()]
+        needs = [path for of_paper in files for path in of_paper.values()]
         entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
-        inputs = {slug: self.studies[slug].readings[CORRECTED].slice(taken.inputs) for slug, taken in takes.items()}
+        inputs = {slug: self.shared[slug].inputs(CORRECTED, taken.inputs) for slug, taken in takes.items()}
         return self._made(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
 
     def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
         """What claims are judged from in some readings."""
         return {
-            "inputs": {name: self.studies[paper].readings[name].inputs.plain() for name in readings},
+            "inputs": {name: self.shared[paper].values[name] for name in readings},
             "artifacts": {name: self.claimed(paper, name) for name in readings},
             "published": self._file_digest(f"data/published/{paper}.yaml"),
             "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
@@ -194,18 +190,14 @@ class Recipes:
         beside = self.papers[paper].beside
         return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
 
-    def _evaluated(self, paper: str) -> list[str]:
-        """A paper's claims and all stages, for claims that are evaluated in memory."""
-        stages = self.papers[paper].stages.values()
-        return [*self._claims_entries(paper), *(entry for stage in stages for entry in stage.entries)]
-
     def _universes(self, paper: str) -> Made:
         """A paper's universes and named readings: all stages, and what universes vary and how."""
         study = self.studies[paper]
+        stages = [entry for stage in self.papers[paper].stages.values() for entry in stage.entries]
         constraint = self.sources.functions(f"marsedl.papers.{paper}.admissible")
-        job = f"report/universes/{paper}", [], "universes_chunk.py", *self._evaluated(paper), *constraint
         return self._made(
-            *job,
+            *(f"report/universes/{paper}", [], "universes_chunk.py"),
+            *(*self._claims_entries(paper), *stages, *constraint),
             designs=list(study.designs),
             choices={one.name: asdict(one) for one in study.choices},
             limits=[limits for limits, _ in study.limits],

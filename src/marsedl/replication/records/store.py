@@ -79,7 +79,10 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     """
     with opened(path) as file:
         declared = quantities(artifact_type)
-        _check_owner(path, file, artifact=artifact_type.__name__, paper=paper, reading=reading)
+        expected = {"artifact": artifact_type.__name__, "paper": paper, "reading": reading}
+        for key, value in expected.items():
+            if value is not None and file.attrs[key] != value:
+                raise _refusal(path, f"is of the {key} {file.attrs[key]!r}, not {value!r}")
         if file.attrs["format"] != FORMAT or file.attrs["schema"] != schema_digest(artifact_type):
             missing = ", ".join(name for name in sorted(declared) if not holds_field(file, name))
             hint = f" (it lacks {missing})" if missing else ""
@@ -268,12 +271,6 @@ def _read_provenance(group: h5py.Group) -> dict[str, Any]:
         else:
             items[key] = value.item() if isinstance(value, np.generic) else value
     return items
-
-
-def _check_owner(path: str | Path, file: h5py.File, **expected: str | None) -> None:
-    for key, value in expected.items():
-        if value is not None and file.attrs[key] != value:
-            raise _refusal(path, f"is of the {key} {file.attrs[key]!r}, not {value!r}")
 
 
 def _refusal(path: str | Path, what: str) -> ArtifactError:

@@ -22,6 +22,16 @@ from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import one_line
 from marsedl.replication.report.assembly import PaperReport, different
 from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
+from marsedl.replication.report.files import (
+    ASSETS,
+    COMPARISON,
+    HEADLINE,
+    OTHER_PAGES,
+    PROVENANCE,
+    SEARCH_DATA,
+    ZIP,
+    universe_pictures,
+)
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, with_likeness
@@ -30,32 +40,7 @@ from marsedl.replication.universes.designs import SPACE_FILLING
 from marsedl.replication.universes.joint import answer, joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
-_SEARCH_DATA = "assets/search-data.js"
-COMPARISON = "comparison"  # the page of all papers together, and its folder
-_OTHER_PAGES = ("index", COMPARISON, "about")
-_PROVENANCE, _ZIP = "provenance.csv", "report.zip"
 _BARS = 10  # values of choices that are drawn
-HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
-UNIVERSES = "universes"  # the folder of a paper's pictures of them
-
-
-def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
-    """Return the files of a report, from the names of the figures of each paper by slug, and of the comparison."""
-    return [
-        *(f"{page}.html" for page in dict.fromkeys([*_OTHER_PAGES, *figures])),
-        *(f"{slug}_evidence.html" for slug in figures if slug != COMPARISON),
-        *(f"assets/{name}" for name in _ASSETS),
-        *(_SEARCH_DATA, _PROVENANCE),
-        *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
-        _ZIP,
-    ]
-
-
-def universe_pictures(headlines: int) -> list[str]:
-    """Return the names of the pictures of a paper's universes: of all claims, then two for each headline."""
-    of_headlines = [f"headline_{number + 1}_{kind}" for number in range(headlines) for kind in ("values", "choices")]
-    return [f"{UNIVERSES}/{name}" for name in ("heat_map", "closing_in", *of_headlines)]
 
 
 def build_site(
@@ -90,20 +75,20 @@ def build_site(
         page = templates.get_template(f"{name}.html.j2").render(shared, **more)
         return f"{with_raised_powers(page).strip()}\n".encode()
 
-    files = {f"{page}.html": render(page) for page in _OTHER_PAGES}
+    files = {f"{page}.html": render(page) for page in OTHER_PAGES}
     for entry in entries:
         slug = entry["paper"].slug
         files |= {
             f"{slug}.html": render("paper", entry=entry),
             f"{slug}_evidence.html": render("evidence", entry=entry),
         }
-    files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in _ASSETS}
-    files[_PROVENANCE] = _provenance(papers)
-    files[_SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
+    files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in ASSETS}
+    files[PROVENANCE] = _provenance(papers)
+    files[SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
     for entry in (*entries, together):
         drawn = (*entry["figures"].values(), *entry["universes"], entry["picture"])
         files |= {f"pictures/{one.place}.png": one.content.content for one in drawn if one}
-    files[_ZIP] = _zipped(files)
+    files[ZIP] = _zipped(files)
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)

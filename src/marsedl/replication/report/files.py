@@ -1,0 +1,28 @@
+"""The names of the report's files, which the rules ask for before anything that writes them is imported."""
+
+from collections.abc import Iterable, Mapping
+
+ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
+SEARCH_DATA = "assets/search-data.js"
+COMPARISON = "comparison"  # the page of all papers together, and its folder
+OTHER_PAGES = ("index", COMPARISON, "about")
+PROVENANCE, ZIP = "provenance.csv", "report.zip"
+HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
+
+
+def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
+    """Return the files of a report, from the names of the figures of each paper by slug, and of the comparison."""
+    return [
+        *(f"{page}.html" for page in dict.fromkeys([*OTHER_PAGES, *figures])),
+        *(f"{slug}_evidence.html" for slug in figures if slug != COMPARISON),
+        *(f"assets/{name}" for name in ASSETS),
+        *(SEARCH_DATA, PROVENANCE),
+        *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
+        ZIP,
+    ]
+
+
+def universe_pictures(headlines: int) -> list[str]:
+    """Return the names of the pictures of a paper's universes: of all claims, then two for each headline."""
+    of_headlines = [f"headline_{number + 1}_{kind}" for number in range(headlines) for kind in ("values", "choices")]
+    return [f"universes/{name}" for name in ("heat_map", "closing_in", *of_headlines)]
