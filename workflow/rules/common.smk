@@ -191,10 +191,9 @@ def quoting(paper, reading):
         return PAPERS[paper]
     from marsedl.replication.claims.rows import read_claims
 
-    readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
+    readings = STUDIES[paper].readings
     with contextlib.suppress(MarsedlError):
-        if path.exists():
-            return with_numbers(PAPERS[paper], Quotes(read_claims(path), readings, reading))
+        return with_numbers(PAPERS[paper], Quotes(read_claims(f"report/claims/{paper}.json"), readings, reading))
     return with_numbers(PAPERS[paper], Quotes(None, readings, reading))
 
 
