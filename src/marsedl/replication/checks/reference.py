@@ -13,6 +13,7 @@ import numpy as np
 from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import Claim, Counterexample
 from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
+from marsedl.replication.claims.counts import plural
 from marsedl.replication.claims.rows import read_claims, read_parts, unexplained
 from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
@@ -247,8 +248,8 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
         lines.append((named, change.old, change.new, apart))
     parts = [columns(lines, 2)] if len(lines) > 1 else []
     artifacts = len({change.name.rpartition("/")[0] for change in inner})
-    folded = [f"{len(claims) - _ROWS} numbers of claims more"] * (len(claims) > len(shown_claims))
-    folded += [f"{len(inner)} numbers of {artifacts} artifacts"] * (len(inner) > len(shown_inner))
+    folded = [f"{plural(len(claims) - _ROWS, 'number')} of claims more"] * (len(claims) > len(shown_claims))
+    folded += [f"{plural(len(inner), 'number')} of {plural(artifacts, 'artifact')}"] * (len(inner) > len(shown_inner))
     if folded:
         parts.append(f"  and {' and '.join(folded)}; --all shows them")
     return "\n".join(parts)
@@ -420,12 +421,14 @@ def _summary(slug: str, comparison: Comparison) -> str:
     """What was compared and how much of it differs, in a line."""
     margins, rounding, printed = comparison.margins, len(comparison.by_shape), len(comparison.of(PUBLISHED))
     worst = max(margins, key=margins.get, default="none of them was built")
+    beyond = sum(margin > 1 for margin in margins.values())
+    furthest = f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
+    moved = furthest if any(margins.values()) or not margins else "none moved"
     return (
         f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, "
-        f"{len(comparison.of(VERDICTS))} verdicts changed, "
-        f"{sum(margin > 1 for margin in margins.values())} numbers beyond tolerance, "
-        f"{sum(change.new == _NOTHING for change in comparison.changes)} missing; "
-        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
+        f"{plural(len(comparison.of(VERDICTS)), 'verdict')} changed, "
+        f"{plural(beyond, 'number')} beyond tolerance, "
+        f"{sum(change.new == _NOTHING for change in comparison.changes)} missing; {moved}"
         + f"; {rounding} that rounding decides compared by shape" * bool(rounding)
-        + f"; {printed} printed claims differ from those accepted" * bool(printed)
+        + f"; {plural(printed, 'printed claim')} not as accepted" * bool(printed)
     )
