@@ -316,6 +316,14 @@ def test_a_word_with_several_meanings_decides_only_where_they_agree(speed, turn,
     assert statement.margin.measure == ("turn" if doubt else "speed")
 
 
+def test_trials_settle_only_what_noise_leaves_in_doubt():
+    near, far = measure("mean", 1.1, error=0.1) > 1.0, measure("mass", 2.0) > 3.0
+    word = measure("share", 0.06) < SMALL
+    assert holds(whichever(near, far), trials=1000).doubts[0].trials is None
+    assert holds(word | near, trials=1000).doubts == (Doubt(why=word.doubt.why, measure="share"),)
+    assert holds(near | far, trials=1000).doubts[0].trials == 9000
+
+
 def test_what_is_doubtful_is_undetermined_unless_another_test_fails_for_certain():
     assert [one.why for one in holds(measure("mass", 5.0) > 3, doubtful("than what?")).doubts] == ["than what?"]
     assert holds(measure("mass", 1.0) > 3, doubtful("than what?")).doubts == ()

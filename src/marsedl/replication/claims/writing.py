@@ -125,9 +125,9 @@ class Test:
         """Return the test that passes if either does."""
         sure = [test for test in (self, other) if test.passed and not test.doubt]
         better = next(iter(sure), self if self.passed or not other.passed else other)
-        doubt = None if sure else self.doubt or other.doubt
         sentence = f"{self.sentence}, or {other.sentence}"
-        return Test(self.passed or other.passed, sentence, doubt, max(self.more, other.more), better.margin)
+        unsure = Test(True, "") if sure else self if self.doubt else other
+        return Test(self.passed or other.passed, sentence, unsure.doubt, unsure.more, better.margin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +205,11 @@ def doubtful(why: str) -> Test:
 def whichever(*tests: Test) -> Test:
     """Return the test of a word that can mean several things: it is in doubt if these disagree."""
     passed, sentence = all(test.passed for test in tests), "; ".join(test.sentence for test in tests)
-    doubt = next((test.doubt for test in tests if test.doubt), None)
+    unsure = next((test for test in tests if test.doubt), tests[0])
     if not passed and any(test.passed for test in tests):
-        doubt = Doubt(why="the paper does not say which of these is meant")
+        unsure = doubtful("the paper does not say which of these is meant")
     margin = next((test.margin for test in tests if test.passed == passed), None)
-    return Test(passed, sentence, doubt, max(test.more for test in tests), margin)
+    return Test(passed, sentence, unsure.doubt, unsure.more, margin)
 
 
 def listed(values: object, form: str = ".3f") -> str:
