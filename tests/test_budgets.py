@@ -18,7 +18,7 @@ LINES = {
     "src/marsedl/montecarlo": 2_450,  # the engine that four papers and users fly by
     "src/marsedl/fly": 1_450,  # laws that return their command whole, and four more mistakes that are told
     "src/marsedl/replication": 10_102,  # all faults of a file at once, pictures and texts compared, claims in words
-    "tests": 37_010,  # bits of 213 flights, the engine and its front door
+    "tests": 37_011,  # bits of 213 flights, the engine and its front door
 }
 MEAN_LINES = {"claims/*.py": 11.3, "tables.py": 26.5, "figures.py": 23.6}  # of a claim, a table, a figure
 JOBS = 207  # of `snakemake all`

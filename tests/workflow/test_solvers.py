@@ -65,5 +65,6 @@ def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished
             assert fragment in messages[0]
         assert f"(log: build/smoke/logs/{slug}/unsolved/{artifact}.log)" in said
         assert not tree.path(f"data/cache/{slug}/unsolved/{artifact}.h5").exists()
+    assert re.search(r"\(log: build/smoke/logs/\w+/unsolved/\w+\.log\)\s*$", said), "Snakemake's words come last"
     digests_after = tree.digests()
     assert {name: digests_after.get(name) for name in digests} == digests, "what can be made was made"
