@@ -127,8 +127,7 @@ class Flights:
         import pandas as pd
 
         counted, left_out = self._counted()
-        if 0.5 <= np.max(levels) < 1.0:
-            largest = np.max(levels)
+        if 0.5 <= (largest := np.max(levels)) < 1.0:
             warnings.warn(f"levels are per cent: for {largest:.0%} write {100.0 * largest:g}", stacklevel=2)
         rows = []
         for name in [names] if isinstance(names, str) else names:

@@ -58,8 +58,7 @@ class GainTable:
             try:
                 cells = np.genfromtxt(source, delimiter=",", names=True, dtype=float, comments="#", ndmin=1)
             except ValueError:
-                problem = "is no table of numbers under a line of names, separated by commas"
-                raise ValueError(f"{name}: {problem}; write it so") from None
+                raise ValueError(f"{name}: write numbers under a line of names, separated by commas") from None
             source = {column: cells[column] for column in cells.dtype.names}
         columns = {str(key): np.asarray(source[key], float) for key in source}
         if against not in columns:
@@ -138,8 +137,8 @@ def bind(law, flight, nominal, units) -> Bound:
         if len(numbers) != len(command._fields) or not np.isfinite(numbers).all():
             names = ", ".join(command._fields)
             raise ValueError(f"law {law!r}: a constant command is {len(command._fields)} numbers: {names}")
-        for name, number in zip(command._fields, numbers, strict=True):
-            if units(command._fields)[name] == "rad" and abs(number) > 2.0 * np.pi:
+        for (name, unit), number in zip(units(command._fields).items(), numbers, strict=True):
+            if unit == "rad" and abs(number) > 2.0 * np.pi:
                 raise ValueError(f"law {law!r}: {name} is {number:g} rad, more than a turn; give it in radians")
         return Bound(("constant",), command(*map(float, numbers)))
     function, given = (law.func, law.keywords) if isinstance(law, partial) else (law, {})
