@@ -8,7 +8,7 @@ rule paper_claims:
         points="report/points/{paper}.json",
     output:
         claims="report/claims/{paper}.json",
-        csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
+        csv=report("figures/{paper}/claims.csv", category="{paper}"),
         md="figures/{paper}/claims.md",
         picture="figures/{paper}/headline.png",
     log:
