@@ -47,14 +47,11 @@ if SIZE != "full":
     workdir: build_folder(ROOT, SIZE)
 
 
-READINGS = sorted({name for study in STUDIES.values() for name in study.readings})
-
-
 wildcard_constraints:
     paper="|".join(SLUGS),
-    reading="|".join(READINGS),
+    reading="[a-z0-9_]+",
     # The folder of a reading's figures and tables; those of the default reading stand above it.
-    place="|".join(["", *(f"{name}/" for name in READINGS)]),
+    place="([a-z0-9_]+/)?",
     name=r"[a-z0-9_]+(\.[a-z_]+)?",
     case="[a-z_]+",
     chunk=r"0|[1-9]\d*",
