@@ -1,5 +1,5 @@
 # Verdicts on every printed claim: one job per paper over all its readings, one that turns each verdict by its
-# counterexample, then all papers in one file, and a badge.
+# counterexample, then all papers in one file.
 
 
 rule paper_claims:
@@ -48,8 +48,7 @@ rule claims:
         counterexamples=expand("report/counterexamples/{paper}.json", paper=PAPERS),
         universes=expand("report/universes/{paper}.json", paper=PAPERS),
     output:
-        claims="report/claims.json",
-        badge="report/badge.json",
+        "report/claims.json",
     log:
         "logs/claims.log",
     benchmark:
