@@ -4,35 +4,26 @@ import re
 import tomllib
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 RECIPE = (ROOT / "container" / "Containerfile").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def instructions():
-    """Instructions with their arguments, in their order; lines that go on are joined."""
-    lines = [line for line in RECIPE.splitlines() if line and not line.startswith("#")]
-    joined = re.sub(r" *\\\n *", " ", "\n".join(lines)).splitlines()
-    return [tuple(line.split(" ", 1)) for line in joined]
+def arguments(instruction):
+    """What follows an instruction wherever it stands; lines that go on are joined."""
+    return re.findall(rf"(?m)^{instruction} (.*)$", re.sub(r" *\\\n *", " ", RECIPE))
 
 
-def arguments(instructions, name):
-    return [argument for instruction, argument in instructions if instruction == name]
-
-
-def test_the_base_is_the_python_that_the_lock_is_made_for(instructions):
-    default = re.fullmatch(r"BASE=python:(\d+\.\d+)-slim-\w+", arguments(instructions, "ARG")[0])[1]
+def test_the_base_is_the_python_that_the_lock_is_made_for():
+    default = re.fullmatch(r"BASE=python:(\d+\.\d+)-slim-\w+", arguments("ARG")[0])[1]
     assert f"--python-version {default} " in (ROOT / "Makefile").read_text(encoding="utf-8")
     required = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
     assert required == f">={default}"
 
 
-def test_packages_come_from_the_lock_as_in_the_makefile(instructions):
+def test_packages_come_from_the_lock_as_in_the_makefile():
     options = ("--require-hashes", "--only-binary :all:", "--no-deps", "-r requirements.lock")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    installs = [run for run in arguments(instructions, "RUN") if "pip install" in run]
+    installs = [run for run in arguments("RUN") if "pip install" in run]
     for option in options:
         assert option in installs[0]
         assert option in makefile
@@ -41,8 +32,8 @@ def test_packages_come_from_the_lock_as_in_the_makefile(instructions):
     assert not re.search(r"https?:|index-url|find-links|apt-get|curl|wget", RECIPE)
 
 
-def test_what_is_copied_exists_and_is_not_generated(instructions):
-    for argument in arguments(instructions, "COPY"):
+def test_what_is_copied_exists_and_is_not_generated():
+    for argument in arguments("COPY"):
         source, _ = argument.split()
         assert (ROOT / source).exists()
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").split("\n")

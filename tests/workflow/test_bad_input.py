@@ -72,11 +72,6 @@ def test_what_is_wrong_in_a_users_file_is_the_last_word(copied, tmp_path):
     )
 
 
-def test_a_malformed_setting_is_refused(copied):
-    copied.config = ["size=tiny"]
-    assert "size=tiny: configs/powered_descent.yaml defines no such size; valid names: " in refused(copied, "all")
-
-
 def test_a_target_that_nothing_makes_is_refused(copied):
     message = refused(copied, "figures/powered_descent/fig7.png")
     assert message.endswith("; did you mean 'figures/powered_descent/fig07.png'?")
