@@ -54,19 +54,18 @@ def paper_of(name: str) -> str:
     return next((slug for part in parts for slug in papers if re.match(rf"{slug}([_.]|$)", part)), "")
 
 
-def reading_text(slug: str, name: str, **values: str) -> str:
-    """A reading of a user's own, based on `corrected`, as YAML; names of inputs without that of the section."""
-    of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
-    sections: dict[str, dict] = {}
-    for key, value in values.items():
-        sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
-    return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
-
-
 @pytest.fixture(scope="session")
 def own_reading():
-    """The function `reading_text`."""
-    return reading_text
+    """A function that writes a user's own reading, based on `corrected`, as YAML; inputs without their section."""
+
+    def text(slug: str, name: str, **values: str) -> str:
+        of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
+        sections: dict[str, dict] = {}
+        for key, value in values.items():
+            sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
+        return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
+
+    return text
 
 
 def with_kernels(folder: Path) -> Path:
