@@ -21,6 +21,7 @@ import fcntl
 import hashlib
 import json
 import re
+import runpy
 import shutil
 import signal
 import subprocess
@@ -44,6 +45,7 @@ settings.load_profile("repeatable")
 
 GLIDE, HOP = "hypersonic_glide", "short_hop"  # of the small project: with Monte Carlo and without
 BUILD = Path(__file__).parent / "workflow" / "build.py"
+with_kernels = runpy.run_path(str(BUILD))["with_kernels"]
 OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
 
@@ -66,15 +68,6 @@ def own_reading():
         return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
 
     return text
-
-
-def with_kernels(folder: Path) -> Path:
-    """Let jobs in a copy of the project load the kernels that are compiled already; returns the folder."""
-    (folder / ".cache").mkdir()
-    for name in ("numba", "matplotlib"):
-        (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
-        (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
-    return folder
 
 
 @dataclass
@@ -343,12 +336,6 @@ def copied(session_copy) -> Tree:
 def tree(copied) -> Tree:
     """The same."""
     return copied
-
-
-@pytest.fixture
-def project(tmp_path) -> Tree:
-    """A copy of the project in which nothing is built."""
-    return Tree(with_kernels(copy_tree(ROOT, tmp_path / "project")))
 
 
 # -------------------------------------------------------------------------------------------------- the small project
