@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from pkgutil import walk_packages
 
@@ -135,19 +134,3 @@ def test_the_readings_that_are_shown_are_accepted(tmp_path):
         studies = load_studies(models, tmp_path, config_files=[tmp_path / "mine.yaml"])
         for slug, section in yaml.safe_load(text).items():
             assert section["readings"].keys() <= studies[slug].readings.keys()
-
-
-@pytest.mark.parametrize(
-    ("lock", "extras"), [("requirements.lock", ("dev", "docs")), ("requirements-slurm.lock", ("slurm",))]
-)
-def test_the_lock_has_everything_that_is_installed_and_no_address(lock, extras):
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    optional = project["optional-dependencies"]
-    extras = {*extras, "pipeline", *re.search(r"\[(.*)]", optional["pipeline"][0])[1].split(",")}
-    expected = [*project["dependencies"], *(name for extra in extras for name in optional[extra] if "[" not in name)]
-    lock = (ROOT / lock).read_text("utf-8")
-    assert set(map(str.lower, re.findall(r"(?m)^([A-Za-z0-9_.-]+)==", lock))) >= {
-        re.split("[>=<]", name)[0] for name in expected
-    }
-    assert "://" not in lock
-    assert "--index" not in lock

@@ -35,13 +35,6 @@ NO_SCIPY = {
 }
 
 
-def installed(folder: Path, name: str, version: str) -> None:
-    """A distribution as its installer leaves it."""
-    metadata = folder / f"{name}-{version}.dist-info" / "METADATA"
-    metadata.parent.mkdir()
-    metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", encoding="utf-8")
-
-
 @pytest.fixture
 def upgraded(tmp_path, monkeypatch):
     """Upgrade a library; returns the stages whose versions change."""
@@ -52,8 +45,9 @@ def upgraded(tmp_path, monkeypatch):
         return {stage: versions_used(used) for stage, used in USED.items()}
 
     def upgrade(name):
-        before = now()
-        installed(tmp_path, name, "99.0")
+        before, metadata = now(), tmp_path / f"{name}-99.0.dist-info" / "METADATA"  # as its installer leaves it
+        metadata.parent.mkdir()
+        metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 99.0\n", encoding="utf-8")
         after = now()
         changes = {stage for stage in USED if before[stage] != after[stage]}
         assert all(f"{name} 99.0" in after[stage] for stage in changes)

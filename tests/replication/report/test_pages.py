@@ -301,6 +301,7 @@ def test_the_first_page_counts_numbers_and_statements_apart(site, pages):
     numbers = [row.verdict for row in rows if row.kind != "qualitative" and row.verdict in COUNTED_VERDICTS]
     statements = [row.verdict for row in rows if row.kind == "qualitative" and row.verdict in COUNTED_VERDICTS]
     assert numbers and statements
+    assert "This report comes from a run of size smoke." in text
     assert f"{numbers.count('reproduced')} of {len(numbers)} printed numbers reproduce" in text
     assert f"{statements.count('holds')} of {len(statements)} statements hold." in text
 
