@@ -90,10 +90,6 @@ class Plan:
         cached = [path.removesuffix(".h5").split("/", 3)[3] for path in self.files if path.startswith("data/cache/")]
         return {name for name in cached if "/chunks/" not in name}
 
-    @property
-    def readings(self) -> set[str]:
-        return {name.split("/")[0] for name in self.artifacts}
-
 
 @dataclass
 class Tree:

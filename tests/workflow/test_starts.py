@@ -44,15 +44,8 @@ powered_descent:
 
 def run(folder, *command):
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    return subprocess.run(
-        list(map(str, command)),
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
+    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "check": False}
+    return subprocess.run([*map(str, command)], cwd=folder, env=environment, **output)
 
 
 @pytest.mark.parametrize("config", ["config: config", ""], ids=["with the outer configuration", "without"])
