@@ -42,6 +42,16 @@ def bare_project(tmp_path, monkeypatch):
     return tmp_path
 
 
+def said(capsys, *arguments) -> str:
+    """Run a command that must succeed; returns what it says."""
+    assert cli.main(list(arguments)) == 0
+    return capsys.readouterr().out
+
+
+def explained(capsys, *arguments) -> str:
+    return said(capsys, "explain", *arguments)
+
+
 def refused(capsys, *arguments) -> str:
     """Run a command that must be refused in one line; returns that line."""
     assert cli.main(list(arguments)) == 2
@@ -89,8 +99,7 @@ def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys
 
 
 def test_list_counts_what_every_paper_has(project, capsys):
-    assert cli.main(["list"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list")
     for slug in SLUGS:
         paper = catalogue(slug)
         assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in output
@@ -101,8 +110,7 @@ def test_list_counts_what_every_paper_has(project, capsys):
 
 @pytest.mark.parametrize("slug", ["powered_descent", "stochastic_entry"])
 def test_list_shows_all_of_a_paper(project, capsys, slug):
-    assert cli.main(["list", slug]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", slug)
     paper, inputs = catalogue(slug), input_model(slug)
     names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.stages, *inputs.CASES]
     for name in [*names, *(claim.id for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"))]:
@@ -110,23 +118,19 @@ def test_list_shows_all_of_a_paper(project, capsys, slug):
 
 
 def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
-    assert cli.main(["list", "stochastic_entry", "--figures"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "stochastic_entry", "--figures")
     assert output.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
     assert "\n    zf " not in output, "a table"
-    assert cli.main(["list", "stochastic_entry", "--tables"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "stochastic_entry", "--tables")
     assert "\n    zf " in output
     assert "  Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
-    assert cli.main(["list", "--cases"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "--cases")
     assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", output)
     assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", output)
 
 
 def test_list_shows_the_trials_of_a_size(project, capsys):
-    assert cli.main(["list", "powered_descent", "--cases", "--size", "smoke"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "powered_descent", "--cases", "--size", "smoke")
     assert re.search(r"\n    closed_loop +200 trials", output)
     assert "add --config size=smoke)" in output
 
@@ -135,8 +139,7 @@ def test_list_shows_the_trials_of_a_size(project, capsys):
 def test_tables_fit_the_terminal(project, capsys, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     for arguments in (["list", "powered_descent"], ["list", "--claims"], ["explain", "powered_descent", "fig07"]):
-        assert cli.main(arguments) == 0
-        lines = capsys.readouterr().out.splitlines()
+        lines = said(capsys, *arguments).splitlines()
         rows = [line for line in lines if re.match(r" {4}\S+  +\S| {2}[a-z]+_[a-z_]+  +\S", line)]
         assert len(rows) > 20
         assert max(map(len, rows)) <= width
@@ -160,16 +163,10 @@ def test_a_closed_pipe_is_no_error():
     process = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert process.stdout == "powered_descent\n"  # of a pipe, whose reader has gone before the second line
     assert process.returncode == 0
-    assert "Traceback" not in process.stderr
-    assert "BrokenPipe" not in process.stderr
+    assert process.stderr == ""
 
 
 # ------------------------------------------------------------------------------------------------------------ explain
-
-
-def explained(capsys, *arguments) -> str:
-    assert cli.main(["explain", *arguments]) == 0
-    return capsys.readouterr().out
 
 
 def test_explain_a_figure(project, capsys):
@@ -305,8 +302,7 @@ def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, cap
 def test_diff_of_equal_and_different_tables(tmp_path, capsys):
     for name, value in (("a", "1.0"), ("b", "1.0"), ("c", "1.5")):
         (tmp_path / f"{name}.csv").write_text(f"quantity,value\nmass,{value}\n", encoding="utf-8")
-    assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]) == 0
-    assert capsys.readouterr().out == "no difference\n"
+    assert said(capsys, "diff", str(tmp_path / "a.csv"), str(tmp_path / "b.csv")) == "no difference\n"
     assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "c.csv")]) == 1
     output = capsys.readouterr().out
     assert "value" in output

@@ -1,4 +1,7 @@
-"""The environment is that of the hashed locks: nothing else is fetched, and nothing is built but the project itself."""
+"""The environment is that of the hashed locks: nothing else is fetched, and nothing is built but the project itself.
+
+So it is in an environment of conda, in the container, and in that of the Makefile.
+"""
 
 import os
 import re
@@ -73,6 +76,38 @@ def test_every_requirement_of_a_locked_package_is_locked_or_excluded():
             required = [need for need in required if need.marker is None or need.marker.evaluate({"extra": ""})]
             missing |= {canonicalize_name(need.name) for need in required} - names
     assert missing == set(EXCLUDED), "exclude what nothing imports, and nothing else"
+
+
+# ------------------------------------------------------------------------------------------------------- the container
+
+RECIPE = (ROOT / "container" / "Containerfile").read_text("utf-8")
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+
+
+def arguments(instruction):
+    """What follows an instruction of the recipe wherever it stands; lines that go on are joined."""
+    return re.findall(rf"(?m)^{instruction} (.*)$", re.sub(r" *\\\n *", " ", RECIPE))
+
+
+def test_the_base_is_the_python_that_the_lock_is_made_for():
+    default = re.fullmatch(r"BASE=python:(\d+\.\d+)-slim-\w+", arguments("ARG")[0])[1]
+    assert f"--python-version {default} " in MAKEFILE
+    assert PYPROJECT["project"]["requires-python"] == f">={default}"
+
+
+def test_packages_come_from_the_lock_as_in_the_makefile():
+    of_the_lock, of_the_project = ({*run.split()} for run in arguments("RUN") if "pip install" in run)
+    assert of_the_lock >= FROM_A_LOCK | {LOCKS[0]}
+    assert of_the_project >= THE_PROJECT
+    assert {*MAKEFILE.split()} >= FROM_A_LOCK | THE_PROJECT
+    assert not re.search(r"https?:|index-url|find-links|apt-get|curl|wget|--no-binary", RECIPE)
+
+
+def test_what_is_copied_exists_and_is_not_generated():
+    assert all((ROOT / argument.split()[0]).exists() for argument in arguments("COPY"))
+    ignored = (ROOT / ".dockerignore").read_text("utf-8").splitlines()
+    generated = [line.strip("/") for line in (ROOT / ".gitignore").read_text("utf-8").split()]
+    assert {line.removeprefix("**/").strip("/") for line in ignored} >= {".git", *generated}
 
 
 @pytest.mark.long
