@@ -20,10 +20,6 @@ STAGES_OF_CASES = {"montecarlo", "montecarlo_chunk", "montecarlo_gather"}
 SCIENCE = r"(numpy|scipy|numba|casadi|cvxpy|matplotlib|h5py|marsedl\.(models|methods|montecarlo))\b"
 
 
-def parameters(function) -> set[str]:
-    return set(inspect.signature(function).parameters)
-
-
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
     paper, folder = catalogue(slug), ROOT / "src" / "marsedl" / "papers" / slug
@@ -54,9 +50,9 @@ def test_stages_products_and_functions_belong_together(slug):
         assert paper.product(stem).caption
         assert set(paper.product(stem).inputs) <= set(model.names())
     for stem in paper.closeups:
-        assert parameters(getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)) <= records
+        function = getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)
+        assert inspect.signature(function).parameters.keys() <= records
     assert set(paper.described) == {stem for stem, figure in paper.figures.items() if not figure.beyond}
-    assert all(text.endswith(".") for text in paper.described.values())
     assert not set(paper.figures) & {*paper.tables, "claims"}, "a name in the report stands once"
     assert set(model.CASES.values()) <= set(model.names())
 

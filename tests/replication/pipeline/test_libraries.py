@@ -92,10 +92,8 @@ def test_companions_are_what_a_library_itself_requires():
 
 
 def test_every_library_that_some_code_uses_is_installed_under_the_name_by_which_it_is_looked_up():
-    used = set().union(
-        *USED.values(),
-        *(fingerprints_of(ROOT).libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
-    )
+    scripts = [path.name for path in (ROOT / "workflow" / "scripts").glob("*.py")]
+    used = set().union(*USED.values(), *map(fingerprints_of(ROOT).libraries, scripts))
     used -= {"yaml"}
     assert used >= {"PIL", "casadi", "cvxpy", "jinja2", "matplotlib", "numba", "numpy", "scipy"}
     assert "not installed" not in library_versions(*(DISTRIBUTIONS.get(name, name) for name in used)).values()
