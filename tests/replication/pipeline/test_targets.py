@@ -52,10 +52,7 @@ def test_what_is_made_or_is_not_ours_may_be_asked_for(recipes, words):
         ("data/cache/powered_descent/corrected/nominl.h5", "corrected/nominal.h5'?"),
         ("data/cache/powered_descent/printed/montecarlo.closed_loop_large.h5", "did you mean"),  # it flies no trials
         ("figures/qqq/qqqqqqqqq.png", "'marsedl list' shows what there is"),
-        (
-            "data/cache/funnels/euler/nominal.h5",
-            "the reading shares data/cache/funnels/corrected/nominal.h5",
-        ),
+        ("data/cache/funnels/euler/nominal.h5", "the reading shares data/cache/funnels/corrected/nominal.h5"),
     ],
 )
 def test_what_nothing_makes_is_refused_with_the_nearest(recipes, word, message):
