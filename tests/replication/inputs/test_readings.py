@@ -197,13 +197,6 @@ def test_a_user_may_add_a_choice_and_a_value_of_one():
     assert study.universe({"noise_unit": "mine"}).inputs.noise.thrust_unit == 7.0
 
 
-def test_slices_hold_what_is_asked_in_the_order_of_names():
-    reading = load_study("powered_descent", MODEL, ROOT).readings["corrected"]
-    names = ["planet.gravity", "ensemble.trials"]
-    assert reading.slice(names) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
-    assert list(reading.slice(names)) == ["ensemble.trials", "planet.gravity"]
-
-
 # ------------------------------------------------------------------------------------------- what is refused: values
 
 

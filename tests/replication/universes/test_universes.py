@@ -12,10 +12,9 @@ from marsedl.replication.checks.universes import accept_universes, changed, comp
 from marsedl.replication.claims.claim import Claim, Result
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InfeasibleError, InputError
-from marsedl.replication.inputs.choices import of_written
+from marsedl.replication.inputs.choices import Source, of_written
 from marsedl.replication.inputs.messages import Place, checked
 from marsedl.replication.inputs.sections import Inputs, Number, Section, given
-from marsedl.replication.inputs.sources import Source
 from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store

@@ -28,14 +28,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from marsedl.replication.errors import InputError, nearest, shown
-from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.messages import Keys, Place
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.sources import Source, in_si, inputs_set
 from marsedl.replication.inputs.written import WrittenRange
 
 ERRATUM, WITHHELD, MISPRINT, SETTING = "erratum", "withheld", "misprint", "setting"
 Value = str | float  # of a choice: the name of an alternative, or a number of its range
 Assignment = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where an input comes from: key, value and unit as written, the reading that sets it, and the value in SI."""
+
+    key: str
+    written: object
+    unit: str
+    source: str
+    reading: str
+    value: object
+
+
 Sources = Mapping[str, Source]  # inputs by "section.name"
 
 
@@ -178,9 +191,8 @@ class Choices:
 
     def placed(self, printed: Sources, corrected: Sources) -> "Choices":
         """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
-        values = {one.name: (one.value_in(corrected, corrected), one.value_in(printed, corrected)) for one in self}
-        placed = {one.name: replace(one, corrected=values[one.name][0], printed=values[one.name][1]) for one in self}
-        return Choices(placed, self.base)
+        placed = [(one, one.value_in(printed, corrected), one.value_in(corrected, corrected)) for one in self]
+        return Choices({one.name: replace(one, printed=p, corrected=c) for one, p, c in placed})
 
     def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
         """Return an assignment in the order of the choices; raises InputError for an unknown choice or value."""
@@ -215,17 +227,7 @@ class Choices:
 
 
 def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Place) -> Choices:
-    """Return the choices of a paper from what is written.
-
-    Args:
-        written: `written_choices` of the model.
-        model: the paper's typed inputs.
-        place: where they are written.
-
-    Raises:
-        InputError: one message with file, line, key, what is wrong and the remedy.
-
-    """
+    """Return the choices of a paper from what is written, as `written_choices` of its typed inputs."""
     found = {name: _choice(name, one, model, place / name) for name, one in written.items()}
     setters: dict[str, Choice] = {}
     for one in found.values():
@@ -258,6 +260,28 @@ def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -
     limits = _range(written.range, model, place / "range") if written.range else None
     about = written.asks, written.because, written.entered, written.only_if
     return Choice(name, *about, alternatives, limits, tuple(written.apart))
+
+
+def inputs_set(model: type[Inputs], body: Keys, name: str, place: Place) -> dict[str, Source]:
+    """Return the inputs that a reading or an alternative sets, by "section.name"; `name` is what sets them."""
+    found: dict[str, Source] = {}
+    for section, of in model.sections().items():
+        for key, entry in getattr(body, section).items():
+            (field, factor, unit), at = of.keys()[key], place / section / key
+            if entry.unit not in ("", unit):
+                raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
+            source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
+            if (other := found.setdefault(f"{section}.{field}", source)) is not source:
+                raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
+    return found
+
+
+def in_si(value: object, factor: float) -> object:
+    """Return a value in SI; what is no number is left to its section to refuse."""
+    if isinstance(value, list):
+        return [in_si(entry, factor) for entry in value]
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value * factor if is_number and factor != 1.0 else value
 
 
 def source_of_key(model: type[Inputs], key: str, value: object, place: object = "universe") -> tuple[str, Source]:

@@ -225,7 +225,7 @@ def own_configuration(models: dict[str, type[Inputs]]) -> type[Settings]:
     for slug, inputs in models.items():
         types = {"readings": (_readings(inputs), own), "choices": (written_choices(inputs), doubts)}
         part = create_model(f"OwnPartOf{inputs.__name__}", __base__=Keys, **types)
-        fields[slug] = part, Field(None, description=f"of the paper {slug}")
+        fields[slug] = part, Field(part(), description=f"of the paper {slug}")
     return create_model("Own", __base__=Settings, __doc__="Readings of your own, for --configfile.", **fields)
 
 
