@@ -1,20 +1,8 @@
 """Choices: what is doubted about a paper, with the alternatives that each doubt admits.
 
 A choice is an erratum (printed or corrected), something that the paper withholds, a misprint that is searched apart, or
-a numerical setting that the paper leaves open. It names the inputs that each of its values sets:
-
-    choices:
-      initial_descent:
-        asks: Does the vehicle start upwards or downwards?
-        because: E5
-        values:
-          printed: {entry: {initial_velocity_angle_deg: {value: 70.0, source: Eq. 51}}}
-          corrected: {entry: {initial_velocity_angle_deg: {value: 110.0, source: "assumed: descending"}}}
-      density_variance_factor:
-        asks: How large is the density variation?
-        because: withheld
-        entered: after a result had shown its effect
-        range: {input: air.variance_at_top, factor: [0.5, 4.0], scale: log}
+a numerical setting that the paper leaves open. It names the inputs that each of its values sets, or gives the range of
+one; docs/universes.md shows how it is written.
 
 An assignment gives some choices a value: the name of an alternative, or a number of the range. It is applied to the
 inputs of the reading `corrected`; a choice that it leaves out stays as it is there.
@@ -30,9 +18,8 @@ import numpy as np
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs.messages import Keys, Place
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.written import WrittenRange
 
-ERRATUM, WITHHELD, MISPRINT, SETTING = "erratum", "withheld", "misprint", "setting"
+WITHHELD, MISPRINT, SETTING = "withheld", "misprint", "setting"
 Value = str | float  # of a choice: the name of an alternative, or a number of its range
 Assignment = Mapping[str, Value]
 
@@ -114,14 +101,13 @@ class Choice:
 
     @property
     def kind(self) -> str:
-        """Whether it is an erratum, withheld, a misprint, or a setting."""
-        first = self.because.split()[0].strip(":,.")
-        return first if first in (WITHHELD, MISPRINT, SETTING) else ERRATUM
+        """Whether it is withheld, a misprint, or a setting; else the id of an erratum."""
+        return self.because.split()[0].strip(":,.")
 
     @property
     def erratum(self) -> str:
         """The id of its erratum, or nothing."""
-        return self.because.split()[0].strip(":,.") if self.kind == ERRATUM else ""
+        return "" if self.kind in (WITHHELD, MISPRINT, SETTING) else self.kind
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -238,10 +224,6 @@ def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Pl
             for value in those:
                 if value not in (names := found[other].alternatives):
                     raise InputError(f"{at}: {other} has no value {shown(value)}; {nearest(value, names)}")
-        for value in one.apart:
-            if value not in one.alternatives:
-                at = place / one.name / "apart"
-                raise InputError(f"{at}: there is no value {shown(value)}; {nearest(value, one.alternatives)}")
         for name in one.inputs if not (one.range and one.range.is_factor) else ():
             key = f"{name}[{one.range.component}]" if one.range and one.range.component is not None else name
             if key in setters and setters[key].name not in one.only_if and one.name not in setters[key].only_if:
@@ -253,11 +235,17 @@ def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Pl
 def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -> Choice:
     if bool(written.values) == (written.range is not None):
         raise InputError(f"{place}: give either 'values' or 'range'")
+    at, limits = place / "values", None
     if written.values and len(written.values) < 2:
-        raise InputError(f"{place / 'values'}: a choice needs at least two values")
-    at = place / "values"
+        raise InputError(f"{at}: a choice needs at least two values")
     alternatives = {value: inputs_set(model, body, name, at / value) for value, body in written.values.items()}
-    limits = _range(written.range, model, place / "range") if written.range else None
+    for value in written.apart:
+        if value not in alternatives:
+            raise InputError(f"{place / 'apart'}: there is no value {shown(value)}; {nearest(value, alternatives)}")
+    if one := written.range:
+        key, source = source_of_key(model, one.input, 1.0, place / "range" / "input")
+        low, high = one.between or one.factor
+        limits = Range(key, one.component, low, high, one.factor is not None, one.scale, source.value, one.source)
     about = written.asks, written.because, written.entered, written.only_if
     return Choice(name, *about, alternatives, limits, tuple(written.apart))
 
@@ -295,14 +283,6 @@ def source_of_key(model: type[Inputs], key: str, value: object, place: object = 
     section, (target, factor, unit) = keys[key]
     written = key.partition(".")[2]
     return f"{section}.{target}", Source(written, value, unit, "given by hand", str(place), in_si(value, factor))
-
-
-def _range(written: WrittenRange, model: type[Inputs], place: Place) -> Range:
-    name, source = source_of_key(model, written.input, 1.0, place / "input")
-    low, high = written.between or written.factor
-    is_factor = written.factor is not None
-    to_si = typing.cast(float, source.value)
-    return Range(name, written.component, low, high, is_factor, written.scale, to_si, written.source)
 
 
 def in_words(name: object) -> str:

@@ -209,6 +209,20 @@ class WrittenChoice(Keys):
     range: WrittenRange | None = Field(None, description="numbers that an input may take, instead of values")
 
 
+class WrittenUniverses(Keys):
+    """Base of how universes are computed, as it is written."""
+
+    space_filling: int = Field(64, ge=0, description="universes of the space-filling design of a full build")
+    one_at_a_time: list[str] | None = Field(
+        None, description="choices that a full build varies by themselves; all unless given"
+    )
+    redrawn: list[str] = Field([], description="choices that are drawn again until a universe is admissible")
+    choices: dict[str, str | float] = Field({}, description="values of choices that a universe leaves out")
+    tries: int = Field(100, ge=1, description="how often at most")
+    wave: int = Field(64, ge=1, description="universes of a wave of `snakemake multiverse`")
+    jobs: int = Field(2, ge=1, description="jobs that compute them")
+
+
 def written_choices(inputs: type[Inputs]) -> typing.Any:
     """Return the type of the choices of a paper, by name."""
     sections = {name: (_section(of, inputs), Field({})) for name, of in inputs.sections().items()}
@@ -242,21 +256,7 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
     compared = list[str], Field(None, description=meaning, json_schema_extra=both)
     size = create_model("Size", __base__=Keys, readings=compared, **limits)
     by_name = Field(description="the paper's readings by name", json_schema_extra=_NO_OTHERS)
-    universes = create_model(
-        "Universes",
-        __base__=Keys,
-        space_filling=(int, Field(64, ge=0, description="universes of the space-filling design of a full build")),
-        one_at_a_time=(
-            list[str] | None,
-            Field(None, description="choices that a full build varies by themselves; all unless given"),
-        ),
-        redrawn=(list[str], Field([], description="choices that are drawn again until a universe is admissible")),
-        choices=(dict[str, str | float], Field({}, description="values of choices that a universe leaves out")),
-        tries=(int, Field(100, ge=1, description="how often at most")),
-        wave=(int, Field(64, ge=1, description="universes of a wave of `snakemake multiverse`")),
-        jobs=(int, Field(2, ge=1, description="jobs that compute them")),
-        **limits,
-    )
+    universes = create_model("Universes", __base__=WrittenUniverses, **limits)
     return create_model(
         "Configuration",
         __base__=Keys,

@@ -16,20 +16,13 @@ import numpy as np
 
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.files import write_bytes
-from marsedl.replication.records.fields import (
-    STORED_DTYPES,
-    Layout,
-    Quantity,
-    first_line,
-    layout,
-    quantities,
-    schema_digest,
-)
+from marsedl.replication.records.fields import Layout, Quantity, layout, quantities, schema_digest
 from marsedl.replication.records.recipes import FORMAT
 
 PROVENANCE = "provenance"  # the group of a file that holds it
 COMPRESS_ABOVE_BYTES = 64 * 2**10
 REBUILD = "delete it and run snakemake again: it is rebuilt"
+_STORED = {"float64": "<f8", "int64": "<i8", "int8": "|i1", "bool": "|b1"}
 _ACCEPTED_KINDS = {"float64": "fiu", "int64": "iu", "int8": "iu", "bool": "b"}
 _JSON_MARK = "json:"
 _BARE = b"This is a netCDF dimension but not a netCDF variable.%10d"  # what netCDF calls a scale without values
@@ -51,8 +44,9 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
     # is readable everywhere and stores no object times if asked. Where a dataset lies depends on when the one before it
     # is closed: when `dataset` becomes the next one.
     with h5py.File.in_memory(libver=("earliest", "v110"), track_order=False) as file:
-        about = {"artifact": kind.__name__, "paper": paper, "reading": reading, "meaning": first_line(kind)}
-        file.attrs.update({**about, "schema": schema_digest(kind), "format": FORMAT})
+        meaning = (kind.__doc__ or "").strip().partition("\n")[0]
+        file.attrs.update({"artifact": kind.__name__, "paper": paper, "reading": reading, "meaning": meaning})
+        file.attrs.update({"schema": schema_digest(kind), "format": FORMAT})
         for name, declared in sorted(quantities(kind).items()):
             array, options = arrays[name], {"track_times": False}
             if declared.dtype == "str":
@@ -186,7 +180,7 @@ def _as_declared(value: Any, dtype: str) -> np.ndarray:
         raise TypeError(f"must be of type {dtype}: it is of type {array.dtype}")
     if text:
         return np.array(items, dtype=str).reshape(array.shape)
-    stored = array.astype(STORED_DTYPES[dtype], order="C")
+    stored = array.astype(_STORED[dtype], order="C")
     if not np.array_equal(stored, array, equal_nan=True):
         raise ValueError(f"must be of type {dtype}: values of type {array.dtype} do not fit")
     return stored
