@@ -277,6 +277,23 @@ def test_malformed_readings_are_refused(tmp_path, text, fragments):
     refused(path, *fragments)
 
 
+@pytest.mark.parametrize("limits", ["planet.gravity, component: 1", "entry.initial_position"])
+def test_a_range_of_what_is_no_number_is_refused(tmp_path, limits):
+    path = tmp_path / "mine.yaml"
+    limits = f"range: {{input: {limits}, between: [1.0, 2.0], source: '{SOURCE}'}}"
+    path.write_text(f"powered_descent:\n  choices: {{doubt: {{asks: why, because: withheld, {limits}}}}}\n", "utf-8")
+    with pytest.raises(InputError, match=r"choices\.doubt\.range: is of no number in .*component"):
+        load(path)
+
+
+def test_a_reading_without_a_base_is_told_what_is_missing_though_it_sets_a_range(tmp_path):
+    path = tmp_path / "mine.yaml"
+    doubt = "asks: why, because: withheld, range: {input: planet.gravity, factor: [0.5, 2.0], source: Eq. 1}"
+    mine = "readings: {mine: {choices: {doubt: 1.5}}}"
+    path.write_text(f"powered_descent:\n  choices: {{doubt: {{{doubt}}}}}\n  {mine}\n", "utf-8")
+    refused(path, "readings.mine.planet: 'gravity' (m/s^2) is missing")
+
+
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [

@@ -73,10 +73,8 @@ class Range:
 
     def of(self, value: object) -> float:
         """Return the number at which an input has a value in SI, or 1 if the numbers are factors."""
-        if self.is_factor:
-            return 1.0
-        entries = np.array(value, dtype=float)
-        return float(entries[() if self.component is None else self.component]) / self.to_si
+        entry = np.array(value, dtype=float)[() if self.component is None else self.component]
+        return 1.0 if self.is_factor else float(entry) / self.to_si
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,8 @@ class Choice:
         """Return inputs, by "section.name", with a value of the choice."""
         if self.range is None:
             return {**sources, **self.alternatives[str(value)]}
-        name = self.range.input
+        if (name := self.range.input) not in sources:  # of an incomplete reading, which is refused as such
+            return dict(sources)
         return {**sources, name: self.range.applied(sources[name], float(value), self.name)}
 
     def value_in(self, sources: Sources, base: Sources) -> Value | None:
@@ -175,10 +174,18 @@ class Choices:
         """Return the value of a choice that an assignment leaves out."""
         return self.base.get(choice.name, choice.corrected)
 
-    def placed(self, printed: Sources, corrected: Sources) -> "Choices":
-        """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
-        placed = [(one, one.value_in(printed, corrected), one.value_in(corrected, corrected)) for one in self]
-        return Choices({one.name: replace(one, printed=p, corrected=c) for one, p, c in placed})
+    def placed(self, printed: Sources, corrected: Sources, place: Place) -> "Choices":
+        """Return the choices with their values in two readings; InputError for a range of what is no number."""
+        placed = {}
+        for one in self:
+            try:
+                values = one.value_in(printed, corrected), one.value_in(corrected, corrected)
+            except (IndexError, TypeError, ValueError):
+                problem = f"is of no number in {one.range.input}"
+                remedy = "name one of a list by 'component', and none of a single number"
+                raise InputError(f"{place / one.name / 'range'}: {problem}; {remedy}") from None
+            placed[one.name] = replace(one, printed=values[0], corrected=values[1])
+        return Choices(placed)
 
     def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
         """Return an assignment in the order of the choices; raises InputError for an unknown choice or value."""

@@ -16,15 +16,7 @@ from pydantic import ValidationError
 
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs import CORRECTED, PRINTED
-from marsedl.replication.inputs.choices import (
-    Assignment,
-    Choices,
-    Source,
-    Sources,
-    inputs_set,
-    of_written,
-    source_of_key,
-)
+from marsedl.replication.inputs.choices import Assignment, Choices, Sources, inputs_set, of_written, source_of_key
 from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
 from marsedl.replication.inputs.written import Settings, WrittenReading, configuration, own_configuration
@@ -49,7 +41,7 @@ class Reading:
     based_on: str | None
     frozen: str
     inputs: Inputs
-    sources: dict[str, Source]
+    sources: Sources
 
     def trial_counts(self) -> dict[str, int]:
         """Return the Monte Carlo cases with their numbers of trials; a case without trials is left out."""
@@ -136,10 +128,11 @@ def load_studies(
     # Of several files, Snakemake does not tell which one a key is of.
     place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
     settings = checked(own, config, place)
-    studies = {slug: _study(slug, model, root, settings, place / slug, files) for slug, model in models.items()}
-    return {
-        slug: replace(study, own_choices=config.get(slug, {}).get("choices", {})) for slug, study in studies.items()
-    }
+    studies = {}
+    for slug, model in models.items():
+        study = _study(slug, model, root, settings, place / slug, files)
+        studies[slug] = replace(study, own_choices=config.get(slug, {}).get("choices", {}))
+    return studies
 
 
 def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> Study:
@@ -181,7 +174,7 @@ def _study(
     choices = of_written(_joined(file.choices, part.choices), model, place / "choices")
     readings, left_out = _resolved(model, root, bodies, choices), set()
     if choices:
-        choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources)
+        choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, place / "choices")
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
     designs = (file.universes.space_filling, file.universes.one_at_a_time, None)

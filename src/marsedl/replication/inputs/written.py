@@ -247,10 +247,10 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
     """Return the model of a paper's configuration: readings, chunks and smaller sizes."""
     case = Field(description="into how many jobs the trials of this case are divided")
     chunks = create_model("Chunks", __base__=Keys, **dict.fromkeys(inputs.CASES, (Chunks, case)))
+    jobs = Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none")
     section = Field({}, description="by input, the number that no number of the input may exceed")
-    limits = {
-        name: (dict[typing.Literal[tuple(of.model_fields)], Limit], section) for name, of in inputs.sections().items()
-    }
+    names = {name: typing.Literal[tuple(of.model_fields)] for name, of in inputs.sections().items()}
+    limits = {name: (dict[those, Limit], section) for name, those in names.items()}
     meaning = "the readings in which claims are evaluated; all unless given"
     both = {"allOf": [{"contains": {"const": name}} for name in (PRINTED, CORRECTED)]}
     compared = list[str], Field(None, description=meaning, json_schema_extra=both)
@@ -261,10 +261,7 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
         "Configuration",
         __base__=Keys,
         readings=(_readings(inputs), by_name),
-        chunks=(
-            chunks,
-            Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none"),
-        ),
+        chunks=(chunks, jobs),
         choices=(written_choices(inputs), Field({}, description="what is doubted about the paper, by name")),
         universes=(universes, Field(universes(), description="how universes are computed: numbers of trials at most")),
         sizes=(dict[str, size], Field({}, description="smaller sizes of a build by name, for --config size=NAME")),

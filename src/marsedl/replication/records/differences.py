@@ -83,14 +83,14 @@ def _file_differences(a: Path, b: Path) -> Iterable[str]:
     if {a.suffix, b.suffix} <= set(HDF5_SUFFIXES):
         return _hdf5_differences(a, b)
     bytes_a, bytes_b = a.read_bytes(), b.read_bytes()
-    leaves = {".json": _json_leaves, ".csv": _csv_leaves}.get(a.suffix)
     if bytes_a == bytes_b:
         return []
-    if leaves is None or a.suffix != b.suffix:
+    if a.suffix != b.suffix or a.suffix not in (".json", ".csv"):
         return [_bytes_differ(bytes_a, bytes_b)]
     try:
-        found = _leaf_differences(*(dict(leaves(data.decode("utf-8-sig"))) for data in (bytes_a, bytes_b)))
-        return list(found) or ["same content, written differently"]
+        texts = (data.decode("utf-8-sig") for data in (bytes_a, bytes_b))
+        sides = [dict(_csv_leaves(text) if a.suffix == ".csv" else _json_leaves(json.loads(text))) for text in texts]
+        return list(_leaf_differences(*sides)) or ["same content, written differently"]
     except (ValueError, csv.Error) as error:
         return [f"bytes differ (not readable as {a.suffix[1:]}: {error})"]
 
@@ -177,20 +177,17 @@ def _hdf5_differences(a: Path, b: Path) -> Iterator[str]:
             yield f"{field}: {what}" + (f", at {list(map(int, place))}" if place else "")
 
 
-def _json_leaves(text: str) -> Leaves:
+def _json_leaves(value: Any, place: str = "") -> Leaves:
     """The field of a leaf is its place without the indices of lists."""
-
-    def leaves(value: Any, place: str) -> Leaves:
-        if isinstance(value, dict) and value:
-            for key, item in value.items():
-                yield from leaves(item, f"{place}.{key}" if place else key)
-        elif isinstance(value, list) and value:
-            for index, item in enumerate(value):
-                yield from leaves(item, f"{place}[{index}]")
-        else:
-            yield (re.sub(r"\[\d+\]", "[]", place), place), value
-
-    return leaves(json.loads(text), "")
+    inside = []
+    if isinstance(value, dict):
+        inside = [(f"{place}.{key}" if place else key, item) for key, item in value.items()]
+    elif isinstance(value, list):
+        inside = [(f"{place}[{index}]", item) for index, item in enumerate(value)]
+    for inner, item in inside:
+        yield from _json_leaves(item, inner)
+    if not inside:
+        yield (re.sub(r"\[\d+\]", "[]", place), place), value
 
 
 def _csv_leaves(text: str) -> Leaves:

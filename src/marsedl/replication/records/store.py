@@ -174,16 +174,17 @@ def _checked_values(path: str | Path, artifact: Any) -> dict[str, np.ndarray]:
 
 def _as_declared(value: Any, dtype: str) -> np.ndarray:
     """The value as an array of the declared type if no number changes by it; raises TypeError or ValueError."""
-    array, text = np.asarray(value), dtype == "str"
-    items = array.ravel().tolist() if text else []
-    if not (all(isinstance(item, str) for item in items) if text else array.dtype.kind in _ACCEPTED_KINDS[dtype]):
-        raise TypeError(f"must be of type {dtype}: it is of type {array.dtype}")
-    if text:
-        return np.array(items, dtype=str).reshape(array.shape)
-    stored = array.astype(_STORED[dtype], order="C")
-    if not np.array_equal(stored, array, equal_nan=True):
+    array = np.asarray(value)
+    if dtype == "str":
+        items = array.ravel().tolist()
+        if all(isinstance(item, str) for item in items):
+            return np.array(items, dtype=str).reshape(array.shape)
+    elif array.dtype.kind in _ACCEPTED_KINDS[dtype]:
+        stored = array.astype(_STORED[dtype], order="C")
+        if np.array_equal(stored, array, equal_nan=True):
+            return stored
         raise ValueError(f"must be of type {dtype}: values of type {array.dtype} do not fit")
-    return stored
+    raise TypeError(f"must be of type {dtype}: it is of type {array.dtype}")
 
 
 def _check_fit(array: np.ndarray, declared: Quantity, extents: dict[str, int]) -> None:
