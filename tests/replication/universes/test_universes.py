@@ -77,7 +77,7 @@ def choices_of(written):
     place = Place("toy.yaml", document)
     model = checked(configuration(ToyInputs), document, place)
     found = of_written(model.choices, ToyInputs, place / "choices")
-    return found.placed(BASE | sources(angle=math.radians(180.0)), BASE)
+    return found.placed(BASE | sources(angle=math.radians(180.0)), BASE, place / "choices")
 
 
 CHOICES = choices_of(WRITTEN)
