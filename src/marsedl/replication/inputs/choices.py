@@ -122,7 +122,7 @@ class Choice:
                 raise InputError(f"{problem}; {nearest(str(value), self.alternatives)}")
             return str(value)
         try:
-            number = float(typing.cast(float, value))
+            number = float(value)
         except (TypeError, ValueError):
             number = math.nan
         if not self.range.low <= number <= self.range.high:

@@ -161,10 +161,6 @@ class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
             )
         return super().__getattr__(name)
 
-    def __eq__(self, other):
-        """Two sections are equal if all of their inputs are."""
-        return type(self) is type(other) and self.model_dump() == other.model_dump()
-
 
 class Inputs(BaseModel, extra="forbid", frozen=True, defer_build=True):
     """Base of all inputs of a paper or scenario: its sections, each a class of its own."""

@@ -176,13 +176,13 @@ def layout(artifact_type: type) -> Layout:
         for name, dimension in zip(dims[field], described.dims, strict=True):
             axis = dimension if isinstance(dimension, Axis) else axes.get(name)
             if axis is not None and _shape(axes.get(name) or axis) != _shape(axis):
-                where = f"{artifact_type.__name__}.{field}"
-                raise ArtifactError(f"{where}: another axis is called '{name}' too: rename one")
+                raise ArtifactError(
+                    f"{artifact_type.__name__}.{field}: another axis is called '{name}' too: rename one"
+                )
             axes[name] = axis
-    for name in axes.keys() & declared.keys():
+    coordinates = frozenset(axes.keys() & declared.keys())
+    for name in coordinates:
         if dims[name] != (name,) or axes[name] is not None:
-            where = f"{artifact_type.__name__}.{name}"
-            raise ArtifactError(
-                f"{where}: a dimension has the name of this field, which does not lie along it: rename one"
-            )
-    return Layout(dims, axes, frozenset(axes.keys() & declared.keys()))
+            problem = "a dimension has the name of this field, which does not lie along it: rename one"
+            raise ArtifactError(f"{artifact_type.__name__}.{name}: {problem}")
+    return Layout(dims, axes, coordinates)

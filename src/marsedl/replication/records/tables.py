@@ -91,12 +91,10 @@ def table(data: Any, columns: Mapping[str, Column]) -> "pd.DataFrame":
         name, other = missing[0]
         raise ValueError(f"column '{name}' has '{other}' beside it; {nearest(other, heads)}")
     result = pd.DataFrame({heads[name]: _series(heads[name], data[name], columns[name]) for name in columns})
-    result.attrs[_COLUMNS] = {
-        heads[name]: replace(
-            column, error=heads.get(column.error, ""), interval=tuple(heads[other] for other in column.interval)
-        )
-        for name, column in columns.items()
-    }
+    by_head = result.attrs[_COLUMNS] = {}
+    for name, column in columns.items():
+        interval = tuple(heads[other] for other in column.interval)
+        by_head[heads[name]] = replace(column, error=heads.get(column.error, ""), interval=interval)
     return result
 
 
