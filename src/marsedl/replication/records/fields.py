@@ -176,9 +176,8 @@ def layout(artifact_type: type) -> Layout:
         for name, dimension in zip(dims[field], described.dims, strict=True):
             axis = dimension if isinstance(dimension, Axis) else axes.get(name)
             if axis is not None and _shape(axes.get(name) or axis) != _shape(axis):
-                raise ArtifactError(
-                    f"{artifact_type.__name__}.{field}: another axis is called '{name}' too: rename one"
-                )
+                where = f"{artifact_type.__name__}.{field}"
+                raise ArtifactError(f"{where}: another axis is called '{name}' too: rename one")
             axes[name] = axis
     coordinates = frozenset(axes.keys() & declared.keys())
     for name in coordinates:
