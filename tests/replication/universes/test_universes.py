@@ -12,10 +12,9 @@ from marsedl.replication.checks.universes import accept_universes, changed, comp
 from marsedl.replication.claims.claim import Claim, Result
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InfeasibleError, InputError
-from marsedl.replication.inputs.choices import of_written
+from marsedl.replication.inputs.choices import Source, of_written
 from marsedl.replication.inputs.messages import Place, checked
 from marsedl.replication.inputs.sections import Inputs, Number, Section, given
-from marsedl.replication.inputs.sources import Source
 from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
@@ -78,7 +77,7 @@ def choices_of(written):
     place = Place("toy.yaml", document)
     model = checked(configuration(ToyInputs), document, place)
     found = of_written(model.choices, ToyInputs, place / "choices")
-    return found.placed(BASE | sources(angle=math.radians(180.0)), BASE)
+    return found.placed(BASE | sources(angle=math.radians(180.0)), BASE, place / "choices")
 
 
 CHOICES = choices_of(WRITTEN)
