@@ -172,7 +172,7 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
 
 def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
-    from marsedl.replication.checks.compare import numbers_of
+    from marsedl.replication.checks.compare import in_digits
     from marsedl.replication.inputs.choices import in_words
 
     before, after, changed, rows, alone = difference
@@ -188,7 +188,7 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     def lines(rows):
         for row in rows:
             claim, apart = printed[row.claim], f"{row.sigmas:.1f} standard errors" if row.error > 0.0 else ""
-            first, second = numbers_of(row, claim)
+            first, second = in_digits(row, claim)
             verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
             numbers = f"{first} -> {second}" if first != second else ""
             yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"

@@ -11,9 +11,9 @@ from marsedl.replication.checks import compare
 from marsedl.replication.checks.compare import (
     Side,
     difference,
+    in_digits,
     moved_claims,
     named,
-    numbers_of,
     of_other_build,
     of_reading,
     side_of,
@@ -66,10 +66,10 @@ def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
 
 def test_numbers_are_shown_with_digits_that_tell_them_apart():
     one = Moved("mean", "mean[1]", 1.23456, 1.23461, 0.1, "holds", "holds", 0.0)
-    assert numbers_of(one, PUBLISHED[0]) == ("1.23456 m", "1.23461 m")
-    assert numbers_of(replace(one, before=math.nan), PUBLISHED[0]) == ("no number", "1.235 m")
+    assert in_digits(one, PUBLISHED[0]) == ("1.23456 m", "1.23461 m")
+    assert in_digits(replace(one, before=math.nan), PUBLISHED[0]) == ("no number", "1.235 m")
     several = PUBLISHED[0].model_copy(update={"unit": "m, s"})
-    assert numbers_of(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
+    assert in_digits(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
 
 
 def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError
@@ -21,8 +20,8 @@ from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.report.one_line import with_unit
-from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit, size_of_change
-from marsedl.replication.universes.what_if import Moved
+from marsedl.replication.universes.table import VERDICTS, Numbers, Universes, components_of, decoded, numbers_of
+from marsedl.replication.universes.what_if import Moved, moves_of
 
 _UNIVERSE = "universe:"
 _TEMPLATE = Path(__file__).with_name("compare.html.j2")
@@ -34,7 +33,7 @@ class Side(NamedTuple):
     name: str
     inputs: Mapping[str, str]
     verdicts: Mapping[str, str]
-    numbers: Mapping[str, tuple[float, float, float]]  # value, error and limit by component, such as "mean[1]"
+    numbers: Numbers
     figures: Path | None = None
 
 
@@ -66,16 +65,7 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
     numbers = {}
     for row in rows:
-        if (one := results.get(row.id)) is None:
-            continue
-        if row.is_statement:
-            margin = one.margin
-            found = {(): (margin.value, margin.standard_error or 0.0, margin.limit)} if margin else {}
-        else:
-            values, printed = flatten(one.value), flatten(row.printed)
-            errors = broadcast(one.standard_error, values)
-            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if is_number(values.get(at))}
-        numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
+        numbers |= numbers_of(row, results[row.id]) if row.id in results else {}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
@@ -124,23 +114,22 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
 
 def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
     """Return what moves of the claims that both evaluate: verdicts first, then by standard errors."""
-    nothing, found = (math.nan, 0.0, math.nan), []
+    found = []
     for claim in published:
-        old, new = before.verdicts.get(claim.id, "none"), after.verdicts.get(claim.id, "none")
-        numbers = []
-        for label, index in components_of(claim) if "none" not in (old, new) else ():
-            a, b = before.numbers.get(label, nothing), after.numbers.get(label, nothing)
-            size = size_of_change(a, b, half_digit(claim, index))
-            if old != new or (size > 0.0 and not math.isclose(a[0], b[0])):  # what the last digits do is no move
-                numbers.append(Moved(claim.id, label, a[0], b[0], math.hypot(a[1], b[1]), old, new, size))
-        numbers.sort(key=_largest_first)
-        found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
+        old, new = (side.verdicts.get(claim.id, "none") for side in (before, after))
+        if "none" in (old, new):
+            continue
+        moves = sorted(moves_of(claim, before.numbers, after.numbers, old, new), key=_largest_first)
+        if old != new:
+            found += moves[:1]  # of a verdict that changes, the number that moves most
+        else:  # what the last digits do is no move
+            found += [one for one in moves if one.size > 0.0 and not math.isclose(one.before, one.after)]
     return sorted(found, key=_largest_first)
 
 
-def numbers_of(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
+def in_digits(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
     """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
-    units, at = claim.unit.split(", "), [label for label, _ in components_of(claim)].index(one.component)
+    units, at = claim.unit.split(", "), [label for label, *_ in components_of(claim)].index(one.component)
     unit = units[at % len(units)]
     for digits in (4, 6, 10):
         texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
@@ -216,7 +205,7 @@ def write_page(
         printed={one.id: one for one in published},
         pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
         left_out=[stem for stem in pairs if stem not in shown],
-        numbers_of=numbers_of,
+        in_digits=in_digits,
         words=in_words,
     )
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -17,26 +17,9 @@ from marsedl.replication.claims.claim import REFUTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices
-from marsedl.replication.universes.designs import (
-    AGAIN,
-    SEED,
-    WAVE,
-    Universe,
-    assignment_at,
-    combined_values,
-    interval_of,
-    sobol,
-    varied,
-)
-from marsedl.replication.universes.table import (
-    VERDICTS,
-    Universes,
-    components_of,
-    decoded,
-    gathered,
-    half_digit,
-    selected,
-)
+from marsedl.replication.universes import designs
+from marsedl.replication.universes.designs import AGAIN, WAVE, Universe, combined_values, interval_of
+from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, gathered, selected
 
 CANDIDATES = 8192
 MOST = 4  # waves
@@ -65,7 +48,7 @@ class Matching:
     def __init__(self, choices: Choices, published: Iterable[PublishedClaim]):
         """Take the choices, of which misprints are not varied, and what the paper prints."""
         self.choices = choices
-        self.varied = varied(choices)
+        self.varied = designs.varied(choices)
         self.headlines = sorted((one for one in published if one.headline), key=lambda one: one.headline)
 
     def measured(self, table: Universes) -> dict[str, np.ndarray]:
@@ -78,7 +61,7 @@ class Matching:
         for claim in (one for one in self.headlines if one.id in claims):
             place = claims.index(claim.id)
             verdicts = np.array(VERDICTS)[table.verdict[:, place]]
-            for label, index in components_of(claim):
+            for label, _, half in components_of(claim):
                 at = components.index(label)
                 distance = table.value[:, at] - table.limit[:, at]
                 deviation = np.nan_to_num(table.error[:, at])
@@ -87,7 +70,7 @@ class Matching:
                     distance = np.where(verdicts == "none", np.nan, distance)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
                     deviation = deviation * np.sqrt(1.0 + table.trials[:, place] / claim.trials)
-                found[label] = np.array([distance, np.hypot(deviation, half_digit(claim, index) / SIGMAS)])
+                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
 
     def implausibility(self, table: Universes) -> np.ndarray:
@@ -103,7 +86,7 @@ class Matching:
 
         number: of the wave, which has candidates of its own.
         """
-        candidates = sobol(len(self.varied), CANDIDATES, SEED + 1 + number)
+        candidates = designs.sobol(len(self.varied), CANDIDATES, designs.SEED + 1 + number)
         points = self._points(table)
         among = np.isfinite(points).all(axis=1)
         features = _features(self.varied, np.nan_to_num(points))
@@ -118,7 +101,11 @@ class Matching:
             distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
         worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
-        shares = {one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)}
+        shares = {}
+        for k, one in enumerate(self.varied):
+            parts = 4 if one.range else len(combined_values(one))
+            counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
+            shares[one.name] = (counts / max(len(left), 1)).tolist()
         return Wave(len(left) / CANDIDATES, shares, () if len(left) else self._contradicting(distances)), left
 
     def waves(self, table: Universes) -> list[Wave]:
@@ -141,10 +128,8 @@ class Matching:
             if not len(left) or wave.volume > 0.9 * before:
                 break
             before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
-            universes = [
-                Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=number)
-                for k, point in enumerate(left[:count])
-            ]
+            assignments = [designs.assignment_at(self.choices, self.varied, point) for point in left[:count]]
+            universes = [Universe(first + k, WAVE, one, wave=number) for k, one in enumerate(assignments)]
             table = gathered([table, compute(universes)])
         own = np.where(table.seed == 0, self.implausibility(table), np.nan)
         if not np.isfinite(own).any():
@@ -214,12 +199,6 @@ def _share(choice: Choice, value) -> float:
         return math.nan if value is None else float(np.clip(choice.range.share(float(value)), 0.0, 1.0))
     names = combined_values(choice)
     return (names.index(value) + 0.5) / len(names) if value in names else math.nan
-
-
-def _shares(choice: Choice, points: np.ndarray) -> list[float]:
-    """Shares of the values of a choice among points; of a range, of its quarters."""
-    count = 4 if choice.range else len(combined_values(choice))
-    return (np.bincount(interval_of(points, count), minlength=count) / max(len(points), 1)).tolist()
 
 
 def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:
