@@ -15,7 +15,6 @@ from marsedl.replication.checks.compare import (
     moved_claims,
     named,
     of_other_build,
-    of_reading,
     side_of,
 )
 from marsedl.replication.claims.printed import PublishedClaim
@@ -117,8 +116,10 @@ def test_what_is_not_built_or_not_known_is_refused(tmp_path):
     }.items():
         with pytest.raises(InputError, match=message):
             side_of(of, study, tmp_path)
+    (tmp_path / "report/claims").mkdir(parents=True)
+    (tmp_path / "report/claims/powered_descent.json").write_text("[]", encoding="utf-8")
     with pytest.raises(InputError, match="the claims of printed are not built"):
-        of_reading("printed", study, [], tmp_path)
+        side_of("printed", study, tmp_path)
 
 
 @pytest.mark.workflow

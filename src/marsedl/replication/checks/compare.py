@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError
@@ -55,11 +54,17 @@ class Difference(NamedTuple):
     alone: list[str]
 
 
-def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
-    """Return a reading, or a named point, of a build; rows: the paper's claims; figures: the folder of its figures.
+def side_of(name: str | int, study: Study, build: Path) -> Side:
+    """Return a reading, a named point, or a universe by its number; build: with claims, universes and figures.
 
-    Raises InputError if its claims are not built.
+    Raises InputError if its claims, or universes, are not built.
     """
+    if isinstance(name, int):
+        return of_universe(name, study, build / f"report/universes/{study.paper}.h5")
+    path, figures = build / f"report/claims/{study.paper}.json", build / "figures" / study.paper
+    if not path.exists():
+        raise InputError(f"{path} is missing; run 'snakemake report/claims/{study.paper}.json'")
+    rows = read_claims(path)
     results = {row.id: row.readings[name] for row in rows if name in row.readings and row.readings[name].verdict}
     if not results:
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
@@ -93,7 +98,7 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
 
 
 def of_universe(number: int, study: Study, path: Path) -> Side:
-    """Return a universe of a build; path: the table of universes. Raises InputError if it is not there."""
+    """Return a universe of a build; path: the table of universes."""
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
     table = store.load(path, Universes, paper=study.paper)
@@ -157,17 +162,6 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
     return Path(folder) if folder else None, study.reading(reading).name
 
 
-def side_of(of: str | int, study: Study, build: Path) -> Side:
-    """Return a reading, or a universe by its number; build: the folder with claims, universes and figures."""
-    paper = study.paper
-    if isinstance(of, int):
-        return of_universe(of, study, build / f"report/universes/{paper}.h5")
-    path = build / f"report/claims/{paper}.json"
-    if not path.exists():
-        raise InputError(f"{path} is missing; run 'snakemake report/claims/{paper}.json'")
-    return of_reading(of, study, read_claims(path), build / "figures" / paper)
-
-
 def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
     """Return what moved between two sides."""
     names = dict.fromkeys([*before.inputs, *after.inputs])
@@ -177,11 +171,7 @@ def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -
 
 
 def write_page(
-    path: Path,
-    paper: Paper,
-    difference: Difference,
-    published: Sequence[PublishedClaim],
-    is_stale: Callable[[Path], bool],
+    path: Path, paper: Paper, difference: Difference, published: Sequence[PublishedClaim], is_stale: Callable[..., bool]
 ) -> list[Path]:
     """Write one page, which needs no other file, with what moved and the figures that both have, side by side.
 
@@ -190,10 +180,8 @@ def write_page(
     import jinja2  # slow to import, and only needed here
 
     sides = difference.before, difference.after
-    pairs = {
-        stem: [side.figures / f"{stem}.png" for side in sides]
-        for stem in (paper.figures if all(side.figures for side in sides) else ())
-    }
+    drawn = paper.figures if all(side.figures for side in sides) else ()  # universes have no figures
+    pairs = {stem: [side.figures / f"{stem}.png" for side in sides] for stem in drawn}
     absent = [one for pair in pairs.values() for one in pair if not one.exists() or is_stale(one)]
     shown = {stem: pair for stem, pair in pairs.items() if not {*pair} & {*absent}}
     template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(

@@ -331,6 +331,11 @@ def cause_of(effects: Iterable[Effect]) -> Effect | None:
 COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper
 
 
+def of_one_world(first: str | Path, second: str | Path) -> bool:
+    """Whether two tables of universes were computed from the same inputs and code."""
+    return store.provenance(first)["world"] == store.provenance(second)["world"]
+
+
 def judge_of(
     paper: Paper, model: type[Inputs], root: Path, size: str, choices: Mapping[str, object], path: str | Path
 ) -> Judge:
@@ -342,6 +347,6 @@ def judge_of(
     study = load_study(paper.slug, model, root, size, choices)
     published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
     large = root / COMMITTED / f"{paper.slug}.h5"
-    is_committed = large.exists() and store.provenance(large)["world"] == store.provenance(path)["world"]
+    is_committed = large.exists() and of_one_world(large, path)
     table = store.load(large if is_committed else path, Universes, paper=paper.slug)
     return Judge(table, study.choices, published, is_committed=is_committed)

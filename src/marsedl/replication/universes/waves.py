@@ -50,6 +50,7 @@ class Matching:
         self.choices = choices
         self.varied = designs.varied(choices)
         self.headlines = sorted((one for one in published if one.headline), key=lambda one: one.headline)
+        self._statements = [one.id for one in self.headlines if one.kind == "qualitative"]
 
     def measured(self, table: Universes) -> dict[str, np.ndarray]:
         """Return how far each headline is from being true in each universe, with its standard deviation.
@@ -73,14 +74,6 @@ class Matching:
                 found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
 
-    def implausibility(self, table: Universes) -> np.ndarray:
-        """Return the largest standardized distance of a headline in each universe; NaN without all results."""
-        rows = [_standardized(*one, one_sided=self._is_statement(name)) for name, one in self.measured(table).items()]
-        return np.max(rows, axis=0) if rows else np.full(len(table.number), np.nan)
-
-    def _is_statement(self, label: str) -> bool:
-        return next(one.kind for one in self.headlines if one.id == label.partition("[")[0]) == "qualitative"
-
     def wave(self, table: Universes, number: int) -> tuple[Wave, np.ndarray]:
         """Return what the universes of a table rule out, and the candidates that are left, as points (count, varied).
 
@@ -98,7 +91,7 @@ class Matching:
                 continue
             mean, error = emulated(features[use], missing[use], wanted)
             spread = np.hypot(error, np.median(deviation[use]))
-            distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
+            distances[label] = _standardized(mean, spread, one_sided=label in self._statements)
         worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
         shares = {}
@@ -116,11 +109,7 @@ class Matching:
     def extended(self, table: Universes, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
         """Return a table with the universes of waves, and the best of all again with other random numbers.
 
-        Args:
-            table: universes that fill the space.
-            compute: computes universes.
-            count: universes of a wave.
-
+        table: universes that fill the space. count: universes of a wave.
         """
         before = math.inf
         for number in range(1, MOST + 1):
@@ -131,10 +120,13 @@ class Matching:
             assignments = [designs.assignment_at(self.choices, self.varied, point) for point in left[:count]]
             universes = [Universe(first + k, WAVE, one, wave=number) for k, one in enumerate(assignments)]
             table = gathered([table, compute(universes)])
-        own = np.where(table.seed == 0, self.implausibility(table), np.nan)
-        if not np.isfinite(own).any():
+        rows = [_standardized(*one, one_sided=name in self._statements) for name, one in self.measured(table).items()]
+        if not rows:
             return table
-        at = int(np.nanargmin(own))
+        worst = np.where(table.seed == 0, np.max(rows, axis=0), np.nan)  # NaN without all results
+        if not np.isfinite(worst).any():
+            return table
+        at = int(np.nanargmin(worst))
         assignment = decoded(self.choices, table.assignment[at])
         again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
         return table if again.number in table.number else gathered([table, compute([again])])
@@ -157,11 +149,8 @@ class Matching:
 def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, float]:
     """Return what a ridge regression predicts, and the standard deviation of what it misses when a point is left out.
 
-    Args:
-        features: of the points with values (count, n).
-        values: at these points (count,).
-        wanted: features of the points to predict (m, n).
-
+    features: of the points with values (count, n); values: at these points (count,); wanted: features of the points to
+    predict (m, n).
     """
     unit = 2.0 ** (math.frexp(np.abs(values).max())[1] - 1)  # squares of a number that diverges would be infinite
     values = values / unit
