@@ -179,7 +179,7 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     if as_json:
         claims = [{**asdict(row), "standard_errors": row.sigmas} for row in rows]
         claims = [{k: v if not isinstance(v, float) or isfinite(v) else None for k, v in c.items()} for c in claims]
-        inputs = [one._asdict() for one in changed]
+        inputs = [{"name": name, "before": old, "after": new} for name, (old, new) in changed.items()]
         yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
         return
 
@@ -194,7 +194,7 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
             yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"
 
     yield f"inputs that differ, {before.name} -> {after.name}:"
-    yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
+    yield columns([(name, " -> ".join(pair)) for name, pair in changed.items()] or [("none",)], 2)
     turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
     shown = [row for row in rest if row.counts]
     for title, those in {

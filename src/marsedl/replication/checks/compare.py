@@ -36,20 +36,12 @@ class Side(NamedTuple):
     figures: Path | None = None
 
 
-class Changed(NamedTuple):
-    """An input that differs."""
-
-    name: str
-    before: str
-    after: str
-
-
 class Difference(NamedTuple):
     """What moved between two sides: inputs that differ, claims that move, claims that only one of them evaluates."""
 
     before: Side
     after: Side
-    inputs: list[Changed]
+    inputs: dict[str, tuple[str, str]]
     moved: list[Moved]
     alone: list[str]
 
@@ -165,9 +157,10 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
 def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
     """Return what moved between two sides."""
     names = dict.fromkeys([*before.inputs, *after.inputs])
-    pairs = [Changed(name, before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names]
-    changed, alone = [one for one in pairs if one.before != one.after], before.verdicts.keys() ^ after.verdicts.keys()
-    return Difference(before, after, changed, moved_claims(before, after, published), sorted(alone))
+    pairs = {name: (before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names}
+    changed = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    alone = sorted(before.verdicts.keys() ^ after.verdicts.keys())
+    return Difference(before, after, changed, moved_claims(before, after, published), alone)
 
 
 def write_page(
@@ -184,10 +177,8 @@ def write_page(
     pairs = {stem: [side.figures / f"{stem}.png" for side in sides] for stem in drawn}
     absent = [one for pair in pairs.values() for one in pair if not one.exists() or is_stale(one)]
     shown = {stem: pair for stem, pair in pairs.items() if not {*pair} & {*absent}}
-    template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
-        _TEMPLATE.read_text(encoding="utf-8")
-    )
-    text = template.render(
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    text = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
         paper=paper,
         **difference._asdict(),
         printed={one.id: one for one in published},

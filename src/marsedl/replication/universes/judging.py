@@ -130,14 +130,14 @@ class Judge:
         self.table, self.choices, self.is_committed = table, choices, is_committed
         self.published = {one.id: one for one in published}
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
-        self._claims = {str(name): at for at, name in enumerate(table.claim)}
+        self.column = {str(name): at for at, name in enumerate(table.claim)}  # of the verdicts of each claim
         self.verdicts = np.array(VERDICTS)[table.verdict]  # (universe, claim), as the next two
         self.stands = np.isin(self.verdicts, TRUE)
         self.decided = self.stands | np.isin(self.verdicts, REFUTED_VERDICTS)
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
         self._numbers = np.array([table.value, table.error, table.limit])  # (3, universe, component)
         self._places, halves = {}, []  # columns of the numbers of each claim; half of the last printed digit of each
-        for name in self._claims:
+        for name in self.column:
             found = [half for _, _, half in components_of(self.published[name])]
             self._places[name] = range(len(halves), len(halves) + len(found))
             halves += found
@@ -149,7 +149,7 @@ class Judge:
 
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
-        at, place = self.claim_place(claim), self.component_place(claim)
+        at, place = self.column[claim], self.component_place(claim)
         filled, stands, decided = self.among(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
         with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
         effects = self.effects(claim)
@@ -178,21 +178,10 @@ class Judge:
 
     def standing(self, claim: str) -> Standing:
         """Return what the universes say of a claim, as it stands beside its verdict."""
-        judged = self.judged(claim)
-        cause, share = cause_of(judged.effects), judged.over_results
-        return Standing(
-            stands=judged.stands,
-            on=judged.on,
-            true=share.count,
-            of=share.of,
-            low=share.low,
-            high=share.high,
-            cause=cause and (cause.choice, f"{cause.value:g}" if isinstance(cause.value, float) else cause.value),
-        )
-
-    def claim_place(self, claim: str) -> int:
-        """Return the column of a claim's verdicts."""
-        return self._claims[claim]
+        one = self.judged(claim)
+        (true, of, low, high), found = one.over_results, cause_of(one.effects)
+        cause = found and (found.choice, f"{found.value:g}" if isinstance(found.value, float) else found.value)
+        return Standing(stands=one.stands, on=one.on, true=true, of=of, low=low, high=high, cause=cause)
 
     def component_place(self, claim: str) -> int:
         """Return the column of the number that decides a claim: in `corrected` it is furthest from what is printed."""
@@ -200,7 +189,7 @@ class Judge:
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
-        return str(self.verdicts[self.base, self.claim_place(claim)])
+        return str(self.verdicts[self.base, self.column[claim]])
 
     def is_statement(self, claim: str) -> bool:
         """Whether a claim is a statement; others are numbers."""
@@ -228,7 +217,7 @@ class Judge:
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
         """Return what each value of each choice changes by itself, the largest change first."""
-        place, at, found = self.component_place(claim), self.claim_place(claim), []
+        place, at, found = self.component_place(claim), self.column[claim], []
         before = self._numbers[:, self.base, place]
         # A statement holds on the side of `corrected`, or on the other one.
         side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
@@ -255,7 +244,7 @@ class Judge:
     def _nearest(self, claim: str, among: np.ndarray) -> tuple[float, int] | tuple[None, None]:
         """The deciding number where a claim's numbers, all of them, come nearest to what is printed; the universe."""
         distances = self._distances[:, self._places[claim]].max(axis=1)
-        use = among & (self.table.cause[:, self.claim_place(claim)] == CAUSES.index("result")) & (distances >= 0.0)
+        use = among & (self.table.cause[:, self.column[claim]] == CAUSES.index("result")) & (distances >= 0.0)
         if not use.any():
             return None, None
         best = np.argmin(np.where(use, distances, np.inf))

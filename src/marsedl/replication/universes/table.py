@@ -24,7 +24,7 @@ from marsedl.replication.errors import InadmissibleError, InfeasibleError, Input
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.inputs.readings import Reading, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
@@ -128,7 +128,7 @@ class Evaluator:
             reading = self.study.universe(universe.assignment, universe.inputs, universe.seed)
         except InputError as error:
             raise InadmissibleError(str(error)) from None
-        run = Run.of(self.paper, reading.inputs, self.memory, self._unclaimed(reading.name))
+        run = self._run(reading)
         if constrained and (constraint := constraint_of(self.paper.slug)):
             run.given().call(constraint)
         return run
@@ -138,15 +138,15 @@ class Evaluator:
 
         Unlike a universe, it has the numbers of trials that its inputs say.
         """
-        inputs = self.study.readings[name].inputs
-        run = Run.of(self.paper, inputs, self.memory, self._unclaimed(name))
-        found = evaluate(run, self.published, **self.further)
+        found = evaluate(self._run(self.study.readings[name]), self.published, **self.further)
         self.memory.let_go()
         return found
 
-    def _unclaimed(self, reading: str) -> list[str]:
-        """The stages that claims use in other readings only."""
-        return [name for name, one in self.paper.stages.items() if reading not in (one.claimed_in or [reading])]
+    def _run(self, reading: Reading) -> Run:
+        """The run of a reading, without the stages that claims use in other readings only."""
+        of = self.paper.stages.items()
+        unclaimed = [name for name, stage in of if reading.name not in (stage.claimed_in or [reading.name])]
+        return Run.of(self.paper, reading.inputs, self.memory, unclaimed)
 
     def row(self, universe: Universe) -> "Row":
         """Return what all claims give in a universe, each by itself.
@@ -227,12 +227,8 @@ def components_of(claim: PublishedClaim | Claim) -> list[tuple[str, tuple[int, .
 def size_of_change(before: Triple, after: Triple, half: float) -> float:
     """Return how large a change is against what noise and rounding could explain; NaN without two numbers.
 
-    That is three standard errors and half a printed digit; of what has neither, its distance from its limit.
-
-    Args:
-        before, after: value, standard error and limit, as in `Universes`.
-        half: half of the last printed digit.
-
+    That is three standard errors and `half` of the last printed digit; of what has neither, its distance from its
+    limit.
     """
     difference = abs(after[0] - before[0])
     noise = SIGMAS * math.hypot(*np.nan_to_num([before[1], after[1]])) + half or abs(before[0] - before[2])
