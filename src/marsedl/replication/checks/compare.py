@@ -22,7 +22,6 @@ from marsedl.replication.report.one_line import with_unit
 from marsedl.replication.universes.table import VERDICTS, Numbers, Universes, components_of, decoded, numbers_of
 from marsedl.replication.universes.what_if import Moved, moves_of
 
-_UNIVERSE = "universe:"
 _TEMPLATE = Path(__file__).with_name("compare.html.j2")
 
 
@@ -145,7 +144,7 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
 
     name: "READING", "universe:12", "FOLDER:READING" or "FOLDER:universe:12". Raises InputError if there is no such one.
     """
-    folder, is_universe, number = name.rpartition(_UNIVERSE)
+    folder, is_universe, number = name.rpartition("universe:")
     if is_universe:
         if not number.isdecimal() or (folder and not folder.endswith(":")):
             raise InputError(f"'{name}': write universe:NUMBER or FOLDER:universe:NUMBER, such as universe:12")

@@ -40,6 +40,8 @@ _TEXTS = (PUBLISHED, VERDICTS, COUNTEREXAMPLES)  # all others are numbers
 _ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
+Papers = Mapping[str, Shared]  # which file each artifact is, by paper
+Made = Mapping[str, dict]  # what each paper is made from, see `made_from`
 
 
 def fingerprints(rows: Sequence[Claim], cached: Mapping[str, Path]) -> dict[str, dict | str]:
@@ -251,17 +253,10 @@ def check_size(root: Path, slugs: Iterable[str], folder: Path | None, size: str)
 
 
 def compare_reference(
-    root: Path,
-    build: Path,
-    papers: Mapping[str, Shared],
-    made: Mapping[str, dict],
-    folder: Path | None = None,
-    *,
-    all_of_them: bool = False,
+    root: Path, build: Path, papers: Papers, made: Made, folder: Path | None = None, *, all_of_them: bool = False
 ) -> bool:
     """Compare a build with reference numbers; prints what changed before it, then the claims and the worst margin.
 
-    papers: which file each artifact is, by paper. made: what each paper is made from, see `made_from`.
     folder: holds a reference of the user's own; without it, the build is compared with the committed numbers and
     counterexamples, and is refused as well if a verdict is not explained.
     Raises InputError if the reference has readings that are not built.
@@ -269,27 +264,21 @@ def compare_reference(
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
         reference = committed.read_reference(root, slug, folder)
-        rows = read_claims(build / f"report/claims/{slug}.json")
-        found = _found(build, shared, rows, folder)
+        rows, found, refused = _found(build, shared, folder)
         if accepted := reference.pop(BUILD, None):
             reasons += [f"  {slug}, {line}" for line in causes(accepted, made[slug])]
         if lost := _readings_of(reference) - _readings_of(found):
-            raise InputError(
-                f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}, not built here; "
-                f"give the --configfile that holds it, or accept"
-            )
+            has = f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}"
+            raise InputError(f"{has}, not built here; give the --configfile that holds it, or accept")
         new = (_readings_of(found) - _readings_of(reference)) & shared.study.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
-        without_reason = unexplained(rows) if folder is None else []
-        lines = [_summary(slug, comparison)]
-        lines += [f"  {slug}: claim {claim} differs or fails without a reason that names an erratum"
-                  for claim in without_reason]  # fmt: skip
+        lines = [_summary(slug, comparison), *(f"  {text}" for text in refused)]
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
         if comparison.changes:
             lines.append(format_changes(comparison, rows, all_of_them=all_of_them))
             details.append(format_changes(comparison, rows))
         tables.append("\n".join(lines))
-        agree = agree and not comparison.changes and not without_reason
+        agree = agree and not comparison.changes and not refused
     head = ["changed since these numbers were accepted:", *reasons] if reasons else []
     text = "\n".join([*head, *tables])
     print(text)
@@ -316,9 +305,7 @@ def _without(entries: Entries, readings: Iterable[str]) -> Entries:
     return left
 
 
-def accept_reference(
-    root: Path, build: Path, papers: Mapping[str, Shared], made: Mapping[str, dict], folder: Path | None = None
-) -> list[Path]:
+def accept_reference(root: Path, build: Path, papers: Papers, made: Made, folder: Path | None = None) -> list[Path]:
     """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
 
     Of a first reference, or one of another size, it prints how many verdicts and numbers it holds. Numbers within
@@ -328,13 +315,9 @@ def accept_reference(
     """
     texts, turned = {}, []
     for slug, shared in papers.items():
-        rows = read_claims(build / f"report/claims/{slug}.json")
-        for claim in unexplained(rows) if folder is None else ():
-            raise MarsedlError(
-                f"{slug}: claim {claim} differs or fails without a reason that names an erratum; "
-                f"state it in src/marsedl/papers/{slug}/claims first"
-            )
-        path, found = committed.reference_file(root, slug, folder), _found(build, shared, rows, folder)
+        path, (rows, found, refused) = committed.reference_file(root, slug, folder), _found(build, shared, folder)
+        if refused:
+            raise MarsedlError(f"{refused[0]}; state it in src/marsedl/papers/{slug}/claims first")
         reference = committed.read_reference(root, slug, folder) if path.exists() else {}
         accepted = reference.pop(BUILD, None)
         if accepted and accepted["size"] != made[slug]["size"]:
@@ -382,17 +365,23 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     return root / COMMITTED_INPUTS
 
 
-def _found(build: Path, shared: Shared, rows: Sequence[Claim], folder: Path | None) -> dict[str, dict | str]:
-    """What is compared with a reference: with the committed one, also what each counterexample turns a verdict into."""
-    files = {}
+def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim], dict[str, dict | str], list[str]]:
+    """A build's claims, what of it is compared with a reference, and which verdicts are refused.
+
+    With the committed reference, what each counterexample turns a verdict into is compared, too, and verdicts without
+    the reason that they need are refused.
+    """
+    slug, files = shared.paper.slug, {}
+    rows = read_claims(build / f"report/claims/{slug}.json")
     for reading in sorted(shared.study.built):
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
     entries = fingerprints(rows, files)
-    if folder is None:
-        path = build / f"report/counterexamples/{shared.paper.slug}.json"
-        turned = read_parts(Counterexample, path)
-        entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
-    return entries
+    if folder is not None:
+        return rows, entries, []
+    turned = read_parts(Counterexample, build / f"report/counterexamples/{slug}.json")
+    entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
+    reason = "differs or fails without a reason that names an erratum"
+    return rows, entries, [f"{slug}: claim {claim} {reason}" for claim in unexplained(rows)]
 
 
 def _summary(slug: str, comparison: Comparison) -> str:

@@ -159,7 +159,7 @@ class Judge:
         every = filled | self.among(ONE_AT_A_TIME)
         deciding = stands[every & decided]
         overall = DEPENDS if deciding.any() else NEVER
-        if deciding.all():  # as none of no universes does not
+        if deciding.all():  # also of none
             overall = ROBUST if len(deciding) else UNDECIDED
         return Judged(
             str(self.table.component[place]),
@@ -212,7 +212,8 @@ class Judge:
             values = decoded(self.choices, self.table.assignment[universe])
             moved = [one for one in self.choices if values.get(one.name) != corrected.get(one.name)]
             main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
-            found += [(universe, main[0], values[main[0]])] if len(main) == 1 else []
+            if len(main) == 1:
+                found.append((universe, main[0], values[main[0]]))
         return found
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
