@@ -8,15 +8,7 @@ import pytest
 
 from marsedl.papers import input_model
 from marsedl.replication.checks import compare
-from marsedl.replication.checks.compare import (
-    Side,
-    difference,
-    in_digits,
-    moved_claims,
-    named,
-    of_other_build,
-    side_of,
-)
+from marsedl.replication.checks.compare import Side, difference, in_digits, moved_claims, named, of_other_build, side_of
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_study

@@ -132,9 +132,17 @@ class Matching:
         return table if again.number in table.number else gathered([table, compute([again])])
 
     def _points(self, table: Universes) -> np.ndarray:
-        """Universes as points of the unit cube (universe, varied)."""
-        rows = [decoded(self.choices, row) for row in table.assignment]
-        return np.array([[_share(one, row.get(one.name)) for one in self.varied] for row in rows])
+        """Universes as points of the unit cube (universe, varied); NaN for a value that is not combined."""
+        points = np.full((len(table.number), len(self.varied)), np.nan)
+        for at, row in enumerate(table.assignment):
+            values = decoded(self.choices, row)
+            for k, one in enumerate(self.varied):
+                value, names = values.get(one.name), combined_values(one)
+                if one.range and value is not None:
+                    points[at, k] = np.clip(one.range.share(value), 0.0, 1.0)
+                elif value in names:
+                    points[at, k] = (names.index(value) + 0.5) / len(names)
+        return points
 
     def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
         """The fewest headlines, one or two, that no candidate fulfils together; else all."""
@@ -180,14 +188,6 @@ def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
             blocks.append([(interval_of(points[:, k], count) == value) - 1.0 / count for value in range(count)])
     products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
     return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
-
-
-def _share(choice: Choice, value) -> float:
-    """A point of the unit interval at which a choice has a value; NaN for one that is not combined."""
-    if choice.range:
-        return math.nan if value is None else float(np.clip(choice.range.share(float(value)), 0.0, 1.0))
-    names = combined_values(choice)
-    return (names.index(value) + 0.5) / len(names) if value in names else math.nan
 
 
 def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:
