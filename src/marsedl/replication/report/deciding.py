@@ -153,7 +153,8 @@ class Deciding:
         if ", " not in row.unit:
             return row.unit
         component = self.judge.judged(row.id).component
-        return row.unit_of(dict(components_of(self.judge.published[row.id])).get(component, ()))
+        indices = {label: index for label, index, _ in components_of(self.judge.published[row.id])}
+        return row.unit_of(indices.get(component, ()))
 
     @cached_property
     def number(self) -> Number | None:
