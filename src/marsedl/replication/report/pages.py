@@ -19,24 +19,13 @@ from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.records.tables import read_markdown
-from marsedl.replication.report import one_line
+from marsedl.replication.report import files, one_line
 from marsedl.replication.report.assembly import PaperReport, different
-from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
-from marsedl.replication.report.files import (
-    ASSETS,
-    COMPARISON,
-    HEADLINE,
-    OTHER_PAGES,
-    PROVENANCE,
-    SEARCH_DATA,
-    ZIP,
-    universe_pictures,
-)
+from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.designs import SPACE_FILLING
 from marsedl.replication.universes.joint import answer, joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -57,14 +46,14 @@ def build_site(
 
     Raises ArtifactError if a figure cannot be read.
     """
-    captions = {kind: {n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table")}
-    compared = Paper(COMPARISON, "", "", "", figures=captions["figure"], tables=captions["table"])
+    drawn, tabled = ({n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table"))
+    compared = Paper(files.COMPARISON, "", "", "", figures=drawn, tables=tabled)
     together = _paper(PaperReport(compared, [], {}), figures) | {"name": "all papers"}
-    entries = [_paper(report, figures) for report in papers]
+    entries, every = [_paper(report, figures) for report in papers], [row for one in papers for row in one.claims]
     shared = {
         "entries": entries,
         "together": together,
-        "total": summary(every := [row for report in papers for row in report.claims]),
+        "total": summary(every),
         "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
         **environment,
@@ -75,21 +64,18 @@ def build_site(
         page = templates.get_template(f"{name}.html.j2").render(shared, **more)
         return f"{with_raised_powers(page).strip()}\n".encode()
 
-    files = {f"{page}.html": render(page) for page in OTHER_PAGES}
+    written = {f"{page}.html": render(page) for page in files.OTHER_PAGES}
     for entry in entries:
-        slug = entry["paper"].slug
-        files |= {
-            f"{slug}.html": render("paper", entry=entry),
-            f"{slug}_evidence.html": render("evidence", entry=entry),
-        }
-    files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in ASSETS}
-    files[PROVENANCE] = _provenance(papers)
-    files[SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
+        for name, end in (("paper", ""), ("evidence", "_evidence")):
+            written[f"{entry['paper'].slug}{end}.html"] = render(name, entry=entry)
+    written |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in files.ASSETS}
+    written[files.PROVENANCE] = _provenance(papers)
+    written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
     for entry in (*entries, together):
-        drawn = (*entry["figures"].values(), *entry["universes"], entry["picture"])
-        files |= {f"pictures/{one.place}.png": one.content.content for one in drawn if one}
-    files[ZIP] = _zipped(files)
-    for name, content in files.items():
+        pictures = (*entry["figures"].values(), *entry["universes"], entry["picture"])
+        written |= {f"pictures/{one.place}.png": one.content.content for one in pictures if one}
+    written[files.ZIP] = _zipped(written)
+    for name, content in written.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
 
@@ -108,10 +94,9 @@ def _templates() -> Any:
     )
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, different, in_words, answer)
+    of_names = (figure_label, different, in_words, joint, answer)
     here = (_capital, _json, _said, _components, _by_verdict, _signed)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
-        "words": lambda verdict: verdict.replace("_", " "),
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,
@@ -190,48 +175,46 @@ def _shown(
 
 def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
-    rows = report.claims
+    rows, folder = report.claims, root / report.catalogue.slug
     paper = with_likeness(report.catalogue, {row.id: row for row in rows})
-    deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
-    figures = _shown(paper.figures, root / paper.slug, picture, ".png", paper.described)
-    tables = _shown(paper.tables, root / paper.slug, read_markdown, ".md")
-    caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
-    of_headline = {HEADLINE: Product(caption, beyond=True)} if paper.slug != COMPARISON else {}
-    first = {
-        "short",
-        "decides",
-        "figures",
-        "tables",
-        HEADLINE,
-        *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond),
-    }
+    headline = sorted((row for row in rows if row.headline), key=lambda row: row.headline)
+    changed = _grouped(
+        (name, row.id)
+        for row in rows
+        for name, result in row.readings.items()
+        if is_turned(row.readings[CORRECTED].verdict, result.verdict)
+    )
+    deciding = Deciding(rows, paper.errata, report.judge)
     effects = deciding.effects()
-    named = {  # what leads to a claim, for the filter
-        row.id: [
-            *(f"reading:{name};" for name, those in changed.items() if any(row.id == claim for claim, *_ in those)),
-            *(f"erratum:{e.erratum.id};" for e in effects if row.id in {*e.named, *(one.claim for one in e.verdicts)}),
-        ]
-        for row in claims.values()
-    }
+    figures = _shown(paper.figures, folder, picture, ".png", paper.described)
+    tables = _shown(paper.tables, folder, read_markdown, ".md")
+    caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
+    of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
+    first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
     return {
         "report": report,
         "paper": paper,
         "name": figure_label(paper.slug),
         "at": lambda anchor: f"{paper.slug}{'' if anchor in first else '_evidence'}.html#{anchor}",
         "claims": claims,
-        "headline": sorted((row for row in claims.values() if row.headline), key=lambda row: row.headline),
+        "headline": headline,
         "summary": summary(rows),
         "counts": counted(rows),
-        "titles": {erratum.id: erratum.title or erratum.printed for erratum in paper.errata},
         "causes": deciding.causes(),
-        "named": named,
+        "named": {  # what leads to a claim, for the filter
+            name: [
+                *(f"reading:{reading};" for reading, those in changed.items() if name in those),
+                *(f"erratum:{one.erratum.id};" for one in effects if name in (*one.named, *one.verdicts)),
+            ]
+            for name in claims
+        },
         "deciding": deciding.number and _deciding(deciding.number),
         "effects": sorted(effects, key=lambda one: -len(one.refuted) if one.group == "named" else 0),
         "open": deciding.open(),
-        **_universes(report, root),
+        "universes": _universes(headline, folder) if report.judge else [],
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "picture": _shown(of_headline, root / paper.slug, picture, ".png").get(HEADLINE),
+        "picture": _shown(of_headline, folder, picture, ".png").get(files.HEADLINE),
         "figures": figures,
         "tables": tables,
     }
@@ -268,21 +251,14 @@ def _places(values: Sequence[float], rim: float) -> Callable[[float], float]:
     return lambda value: round(rim + (100 - 2 * rim) * (value - least) / (most - least), 1) if most > least else 50.0
 
 
-def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
-    """The pictures of a paper's universes, what these say of its headlines, and how many fill the space of choices."""
-    if report.judge is None:
-        return {"universes": [], "filling": 0, "joint": None}
+def _universes(headline: Sequence[Claim], folder: Path) -> list[Shown]:
+    """The pictures of a paper's universes."""
     titles = ["Every choice and every claim", "What is not ruled out"]
-    headlines = sorted((row for row in report.claims if row.headline), key=lambda row: row.headline)
-    for row in headlines:
+    for row in headline:
         said = _said(row).rstrip(".")
         titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
-    drawn = dict(zip(universe_pictures(len(headlines)), map(Product, titles), strict=True))
-    return {
-        "joint": joint(report.judge),
-        "universes": [*_shown(drawn, root / report.catalogue.slug, picture, ".png").values()],
-        "filling": int(report.judge.among(SPACE_FILLING).sum()),
-    }
+    drawn = dict(zip(files.universe_pictures(len(headline)), map(Product, titles), strict=True))
+    return [*_shown(drawn, folder, picture, ".png").values()]
 
 
 def _deciding(number: Number) -> dict[str, Any] | None:
@@ -312,7 +288,6 @@ def _deciding(number: Number) -> dict[str, Any] | None:
 def _signed(difference: float, unit: str) -> str:
     """A difference with its sign and unit."""
     text = one_line.near(difference, difference)
-    unit = "" if unit == "1" else unit
     return f"{'+' * (difference > 0)}{text} {unit}".strip().replace("-", "−", 1)
 
 
@@ -322,14 +297,14 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     for entry in entries:
         report, paper, name, parts = entry["report"], entry["paper"], entry["name"], []
         for row in report.claims:
-            kind = row.verdict.replace("_", " ") if row.id in entry["claims"] else "stated"
+            kind = in_words(row.verdict) if row.id in entry["claims"] else "stated"
             parts.append((row.id, kind, _said(row), row.quantity, row.id, row.where))
         for one in entry["figures"].values():
             parts.append((one.name, "figure", figure_label(one.name), one.product.caption, one.described))
         for one in entry["tables"].values():
             parts.append((one.anchor, "table", figure_label(one.name), one.product.caption))
         for one in paper.errata:
-            parts.append((one.id, "erratum", f"{one.id}. {entry['titles'][one.id]}", one.printed, one.used))
+            parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
         parts += [(f"reading-{key}", "reading", key, one.summary) for key, one in report.readings.items()]
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
