@@ -23,7 +23,7 @@ from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
-from marsedl.replication.report.assembly import Input, PaperReport, Reading, Solved
+from marsedl.replication.report.assembly import PaperReport, Solved
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.report.files import site_files
@@ -122,16 +122,17 @@ def example(folder, hostile="plain"):
     }
 
     def reading(name, summary, based_on="corrected"):
-        inputs = {key: Input(values.get(name, value), f"assumed: {hostile}") for key, (value, values) in others.items()}
-        return Reading(name, summary, based_on, based_on is None, inputs)
+        source = f"assumed: {hostile}"
+        inputs = {key: [key, values.get(name, value), source] for key, (value, values) in others.items()}
+        return {"summary": summary, "based_on": based_on, "frozen": based_on is None, "inputs": inputs}
 
-    readings = [
-        reading("printed", f"Literally as printed. {hostile}", None),
-        reading("corrected", "Errata mended; the default of all figures.", "printed"),
-        reading("target4", "The downrange target that the authors probably used."),
-        reading("plus_sign", "The printed sign of the vertical velocity."),
-        reading("newton_noise", "Noise density in newtons."),
-    ]
+    readings = {
+        "printed": reading("printed", f"Literally as printed. {hostile}", None),
+        "corrected": reading("corrected", "Errata mended; the default of all figures.", "printed"),
+        "target4": reading("target4", "The downrange target that the authors probably used."),
+        "plus_sign": reading("plus_sign", "The printed sign of the vertical velocity."),
+        "newton_noise": reading("newton_noise", "Noise density in newtons."),
+    }
     names = [f"fig{i:02d}" for i in range(1, 5)]
     drawn(folder, "powered_descent", [*names, "headline"], ["eq54"])
     drawn(folder, "small", ["headline"])
@@ -164,7 +165,7 @@ def example(folder, hostile="plain"):
     paper = PaperReport(
         catalogue,
         collect(published, declared, evaluations),
-        {one.name: one for one in readings},
+        readings,
         None,
         dict.fromkeys(others, "m/s"),
         dict.fromkeys(others, "at 0 s"),
@@ -179,13 +180,16 @@ def example(folder, hostile="plain"):
     place = {"paper": "small", "id": "only", "where": "Table 1", "quantity": "a matrix", "kind": "deterministic"}
     small = PublishedClaim(**place, printed=[[1, 2], [3, 4]], unit="m", resolution=1)
     rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
-    environment = {
-        "size": "smoke",
-        "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
-        "cited": {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"},
-    }
+    cited = {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"}
+    (folder / "CITATION.cff").write_text(json.dumps(cited))
     alone = Paper("small", "A small paper", "", "Nobody.")
-    return [paper, PaperReport(alone, rows, {"corrected": Reading("corrected", "All.", None, False, {})})], environment
+    reading = {"summary": "All.", "based_on": None, "frozen": False, "inputs": {}}
+    return [paper, PaperReport(alone, rows, {"corrected": reading})]
+
+
+def build(out, papers, folder, size="smoke", comparisons=None):
+    """Build the site of figures and CITATION.cff in a folder."""
+    build_site(out, papers, size, folder / "CITATION.cff", comparisons or {}, folder)
 
 
 def together(folder):
@@ -197,9 +201,9 @@ def together(folder):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
-    build_site(folder / "out", papers, environment, together(folder), folder)
-    return folder, papers, environment
+    papers = example(folder, hostile="</script><script>alert('x & y')</script>")
+    build(folder / "out", papers, folder, comparisons=together(folder))
+    return folder, papers
 
 
 def figures_of(papers):
@@ -271,8 +275,8 @@ def words(page):
 
 
 def test_two_builds_have_the_same_bytes_and_the_files_that_are_promised(site):
-    folder, papers, environment = site
-    build_site(folder / "again", papers, environment, together(folder), folder)
+    folder, papers = site
+    build(folder / "again", papers, folder, comparisons=together(folder))
     first, second = (
         {path.relative_to(folder / name).as_posix(): path.read_bytes() for path in (folder / name).rglob("*.*")}
         for name in ("out", "again")
@@ -425,7 +429,7 @@ def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, 
     """What moves a claim away, or within its error, stands nowhere as its cause, whatever it was declared with."""
     names = ("away", "still", "unsolved", "some", "most")
     written = {f"choice_{n}": Choice(f"choice_{n}", "?", "withheld", "", {}, {"ours": {}, n: {}}, None) for n in names}
-    (paper, _), _ = example(tmp_path)
+    paper, _ = example(tmp_path)
     cause = cause_of(effects)
     standing = STILL.model_copy(update={"cause": cause and (cause.choice, cause.value)})
     update = {"universes": standing, "unit": "m", "choices": ("choice_away", "choice_still")}
@@ -464,12 +468,12 @@ def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
 
 
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
-    papers, environment = example(tmp_path)
+    papers = example(tmp_path)
     rows = {row.id: row for row in papers[0].claims}
     row = next(row for row in rows.values() if row.is_refuted)
     rows[row.id] = row.model_copy(update={"reason": UNEXPLAINED})
     papers = [replace(papers[0], claims=list(rows.values()))]
-    build_site(tmp_path / "out", papers, environment | {"size": "full"}, {}, tmp_path)
+    build(tmp_path / "out", papers, tmp_path, "full")
     for name in ("index.html", "powered_descent.html", "about.html"):
         page = read(tmp_path / "out" / name)
         assert "1 result is unexplained." in words(page)
@@ -484,12 +488,12 @@ def test_the_search_library_is_what_its_notice_says():
     assert b"Permission is hereby granted" in content
 
 
-def refused(folder, papers, environment, error, *words):
+def refused(folder, papers, error, *words):
     output = folder / "out" / "index.html"
     output.parent.mkdir()
     output.write_text("good")
     with pytest.raises(error) as caught:
-        build_site(output.parent, papers, environment, {}, folder)
+        build(output.parent, papers, folder)
     assert all(word in str(caught.value) for word in words)
     assert output.read_text() == "good"
     assert list(output.parent.iterdir()) == [output]
@@ -497,9 +501,9 @@ def refused(folder, papers, environment, error, *words):
 
 @pytest.mark.parametrize("content", [None, b"GIF89a"])
 def test_a_figure_that_is_not_a_png_is_refused(tmp_path, content):
-    papers, environment = example(tmp_path)
+    papers = example(tmp_path)
     image = tmp_path / "powered_descent" / "fig03.png"
     image.unlink()
     if content is not None:
         image.write_bytes(content)
-    refused(tmp_path, papers, environment, ArtifactError, "fig03.png")
+    refused(tmp_path, papers, ArtifactError, "fig03.png")

@@ -14,44 +14,29 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Solve, Stage, entry_of, function_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
-from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records import store
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.universes.judging import Judge
 
-LIBRARIES = (
-    *("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib"),
-    "pillow",
-)
 _ENDINGS = {True: "converged", False: "not converged", b"": "not solved"}  # other texts are shown as they are
 
 Paths = Mapping[str, Mapping[str, str]]  # files of the artifacts, by reading and name
+Reading = Mapping[str, Any]  # `summary`, `based_on`, `frozen`, and of its `inputs` by name: key, written value, source
 
 
-class Input(NamedTuple):
-    """An input of a reading as it is written, and where it comes from."""
-
-    value: str
-    source: str
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A reading as the report shows it: what it is for, what it starts from, and all of its inputs by name."""
-
-    name: str
-    summary: str
-    based_on: str | None
-    frozen: bool
-    inputs: Mapping[str, Input]
+def written(reading: Reading, name: str) -> str:
+    """Return an input of a reading as it is written; with its suffix if it has one."""
+    key, value, _ = reading["inputs"][name]
+    suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
+    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
+    return f"{text} {suffix}".strip()
 
 
 def different(first: Reading, second: Reading, names: Iterable[str]) -> list[str]:
     """Return the inputs, of these, in which two readings differ."""
-    return [name for name in names if first.inputs[name].value != second.inputs[name].value]
+    return [name for name in names if written(first, name) != written(second, name)]
 
 
 class Solved(NamedTuple):
@@ -86,36 +71,27 @@ class PaperReport:
 def paper_report(
     catalogue: Paper,
     model: type[Inputs],
-    readings: Mapping[str, Mapping[str, Any]],
+    readings: Mapping[str, Reading],
     claims: Iterable[Claim],
     paths: Paths,
     judge: Judge,
 ) -> PaperReport:
-    """Return the contents of the report on one paper.
-
-    `readings` are those of `Recipes.described`, `claims` those of all papers, `paths` its artifacts;
-    `judge` knows its universes.
+    """Return the contents of the report on one paper, of the `claims` of all papers; `paths` are its artifacts.
 
     Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
     """
     claims, files, names = [row for row in claims if row.paper == catalogue.slug], paths[CORRECTED], model.names()
-    inputs = {name: {key: _input(key, *body["inputs"][key]) for key in names} for name, body in readings.items()}
     return PaperReport(
         with_numbers(catalogue, Quotes(claims, readings)),
         claims,
-        {name: Reading(**{**body, "name": name, "inputs": inputs[name]}) for name, body in readings.items()},
+        readings,
         judge,
         {name: model.unit(name) for name in names},
         {name: model.meaning(name) for name in names},
         closeups(catalogue, files),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
-        provenance(files, catalogue.stages, {name: one.value for name, one in inputs[CORRECTED].items()}),
+        provenance(files, catalogue.stages, {name: written(readings[CORRECTED], name) for name in names}),
     )
-
-
-def environment(size: str, citation: Path) -> dict[str, Any]:
-    """Return what concerns all papers: size, versions of the software by package, and CITATION.cff."""
-    return {"size": size, "versions": library_versions(*LIBRARIES), "cited": read_yaml(citation)}
 
 
 def solved(solve: Solve, paths: Paths) -> Solved | None:
@@ -167,10 +143,3 @@ def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
         with contextlib.suppress(Missing):
             plots.append(given.call(function_of(entry_of(catalogue.slug, "closeups", name))))
     return plots
-
-
-def _input(name: str, key: str, value: object, source: str) -> Input:
-    """An input as it is written; with its suffix if it has one."""
-    suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
-    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
-    return Input(f"{text} {suffix}".strip(), source)

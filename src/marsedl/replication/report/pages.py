@@ -11,16 +11,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
+from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, VERDICTS_OF, Claim
 from marsedl.replication.claims.counts import counted, plural
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
 from marsedl.replication.claims.rows import summary, unexplained
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
+from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Paper, Product
+from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import files, one_line
-from marsedl.replication.report.assembly import PaperReport, different
+from marsedl.replication.report.assembly import PaperReport, different, written
 from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
@@ -35,14 +37,15 @@ _BARS = 10  # values of choices that are drawn
 def build_site(
     folder: Path,
     papers: Sequence[PaperReport],
-    environment: Mapping[str, Any],
+    size: str,
+    citation: Path,
     comparisons: Mapping[str, Any],
     figures: Path = Path("figures"),
 ) -> None:
     """Write the report on all papers as pages, pictures and a zip of them: the files of `site_files`.
 
-    `environment` is that of `assembly.environment`; `comparisons` are by name, with the captions `figure` and `table`;
-    `figures` is the folder of figures and tables, with a folder for each paper and one for the comparisons.
+    `size` is that of the build; `citation` is the file CITATION.cff; `comparisons` are by name, with the captions
+    `figure` and `table`; `figures` is the folder of figures and tables, with one for each paper and the comparisons.
 
     Raises ArtifactError if a figure cannot be read.
     """
@@ -56,7 +59,8 @@ def build_site(
         "total": summary(every),
         "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
-        **environment,
+        "size": size,
+        "cited": read_yaml(citation),
     }
     templates = _templates()
 
@@ -94,7 +98,7 @@ def _templates() -> Any:
     )
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, different, in_words, joint, answer)
+    of_names = (figure_label, different, written, in_words, joint, answer)
     here = (_capital, _json, _said, _components, _by_verdict, _signed)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "count": plural,
@@ -107,8 +111,8 @@ def _templates() -> Any:
         "used": lambda row: ", ".join(format_result(row, row.reading)),
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
-    templates.globals |= {"kinds": VERDICTS_OF, "standing": STANDING_VERDICTS, "terms": words(), "default": CORRECTED}
-    templates.globals["likenesses"] = LIKENESSES
+    templates.globals |= {"kinds": VERDICTS_OF, "likenesses": LIKENESSES, "terms": words(), "default": CORRECTED}
+    templates.globals["versions_of"] = library_versions
     return templates
 
 
@@ -156,19 +160,14 @@ class Shown(NamedTuple):
     name: str
     product: Product
     content: Any
-    described: str = ""
-
-    @property
-    def anchor(self) -> str:
-        """Its place on a page: figures and tables may have the same names."""
-        return f"table-{self.name}" if isinstance(self.content, list) else self.name
+    anchor: str  # its place on a page: figures and tables may have the same names
 
 
 def _shown(
-    products: Mapping[str, Product], folder: Path, read: Callable, end: str, described: Mapping[str, str] = {}
+    products: Mapping[str, Product], folder: Path, read: Callable = picture, end: str = ".png", prefix: str = ""
 ) -> dict[str, Shown]:
     return {
-        name: Shown(f"{folder.name}/{name}", name, product, read(folder / f"{name}{end}"), described.get(name, ""))
+        name: Shown(f"{folder.name}/{name}", name, product, read(folder / f"{name}{end}"), prefix + name)
         for name, product in products.items()
     }
 
@@ -187,8 +186,8 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     )
     deciding = Deciding(rows, paper.errata, report.judge)
     effects = deciding.effects()
-    figures = _shown(paper.figures, folder, picture, ".png", paper.described)
-    tables = _shown(paper.tables, folder, read_markdown, ".md")
+    figures = _shown(paper.figures, folder)
+    tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
     of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
     first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
@@ -214,7 +213,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "open": deciding.open(),
         "universes": _universes(headline, folder) if report.judge else [],
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "picture": _shown(of_headline, folder, picture, ".png").get(files.HEADLINE),
+        "picture": _shown(of_headline, folder).get(files.HEADLINE),
         "figures": figures,
         "tables": tables,
     }
@@ -258,7 +257,7 @@ def _universes(headline: Sequence[Claim], folder: Path) -> list[Shown]:
         said = _said(row).rstrip(".")
         titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
     drawn = dict(zip(files.universe_pictures(len(headline)), map(Product, titles), strict=True))
-    return [*_shown(drawn, folder, picture, ".png").values()]
+    return [*_shown(drawn, folder).values()]
 
 
 def _deciding(number: Number) -> dict[str, Any] | None:
@@ -300,13 +299,15 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             kind = in_words(row.verdict) if row.id in entry["claims"] else "stated"
             parts.append((row.id, kind, _said(row), row.quantity, row.id, row.where))
         for one in entry["figures"].values():
-            parts.append((one.name, "figure", figure_label(one.name), one.product.caption, one.described))
+            parts.append(
+                (one.name, "figure", figure_label(one.name), one.product.caption, paper.described.get(one.name))
+            )
         for one in entry["tables"].values():
             parts.append((one.anchor, "table", figure_label(one.name), one.product.caption))
         for one in paper.errata:
             parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
-        parts += [(f"reading-{key}", "reading", key, one.summary) for key, one in report.readings.items()]
+        parts += [(f"reading-{key}", "reading", key, one["summary"]) for key, one in report.readings.items()]
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
         if paper.title:
             parts.append(("short", "paper", name, paper.title, paper.authors, paper.question))
