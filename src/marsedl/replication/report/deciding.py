@@ -15,6 +15,7 @@ RANKS = (  # what an erratum changes, from most to least
     "no_result",  # a headline claim has no result
     "headline",  # a headline number changes beyond rounding and sampling error
     "verdicts",  # a verdict changes
+    "named",  # not varied, as "not_varied", but claims that name it differ or fail
     "nothing",  # no headline number and no verdict changes: notation
     "not_varied",  # it changes no input, or no universe keeps it by itself
 )
@@ -44,13 +45,6 @@ class ErratumEffect(NamedTuple):
     verdicts: Sequence[str]
     named: Sequence[str]
     refuted: Sequence[str]
-
-    @property
-    def group(self) -> str:
-        """Where the report lists it: ranked, not varied but named by refuted claims, or notation."""
-        if self.rank == "not_varied" and self.refuted:
-            return "named"
-        return "notation" if self.rank in ("not_varied", "nothing") else "ranked"
 
 
 class Number(NamedTuple):
@@ -86,10 +80,12 @@ class Deciding:
         self._judged = [row for row in claims if judge and row.id in judge.table.claim]
 
     def effects(self) -> list[ErratumEffect]:
-        """Return what each erratum changes, by rank, and by the largest change of a headline number."""
+        """Return what each erratum changes, by rank, then by the largest headline number or the refuted claims."""
 
-        def order(one: ErratumEffect) -> tuple:
-            return RANKS.index(one.rank), -one.headline[0].effect.size if one.rank == "headline" else 0.0
+        def order(one: ErratumEffect) -> tuple[int, float]:
+            if one.rank == "headline":
+                return RANKS.index(one.rank), -one.headline[0].effect.size
+            return RANKS.index(one.rank), -len(one.refuted) if one.rank == "named" else 0.0
 
         return sorted(map(self._effect, self._errata), key=order)
 
@@ -102,9 +98,10 @@ class Deciding:
             "headline": sorted((one for one in of_headline if one.effect.counts), key=lambda one: -one.effect.size),
             "verdicts": _ids(row for row, e in changed if is_turned(self.judge.verdict(row.id), e.verdict)),
         }
-        rank = next((rank for rank in found if found[rank]), "nothing" if changed else "not_varied")
         named = [row for row in self._claims if erratum.id in row.errata]
         refuted = [row for row in named if row.is_refuted]
+        unranked = "nothing" if changed else "named" if refuted else "not_varied"
+        rank = next((rank for rank in found if found[rank]), unranked)
         return ErratumEffect(erratum, rank, choices, **found, named=_ids(named), refuted=_ids(refuted))
 
     def causes(self) -> dict[str, tuple[Choice, float, float, str] | None]:

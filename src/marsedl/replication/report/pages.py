@@ -209,7 +209,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
             for name in claims
         },
         "deciding": deciding.number and _deciding(deciding.number),
-        "effects": sorted(effects, key=lambda one: -len(one.refuted) if one.group == "named" else 0),
+        "effects": effects,
         "open": deciding.open(),
         "universes": _universes(headline, folder) if report.judge else [],
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
@@ -244,12 +244,6 @@ def _components(row: Claim) -> list[tuple[str, str, str]]:
     return list(zip(*columns, strict=True)) if len({len(column) for column in columns}) == 1 else []
 
 
-def _places(values: Sequence[float], rim: float) -> Callable[[float], float]:
-    """Return the function from a number to its place on a line from 0 to 100 that holds all of these, within a rim."""
-    least, most = min(values), max(values)
-    return lambda value: round(rim + (100 - 2 * rim) * (value - least) / (most - least), 1) if most > least else 50.0
-
-
 def _universes(headline: Sequence[Claim], folder: Path) -> list[Shown]:
     """The pictures of a paper's universes."""
     titles = ["Every choice and every claim", "What is not ruled out"]
@@ -263,7 +257,8 @@ def _universes(headline: Sequence[Claim], folder: Path) -> list[Shown]:
 def _deciding(number: Number) -> dict[str, Any] | None:
     """The deciding number, and what each choice makes of it by itself, the largest change first; a few are drawn.
 
-    Choices that make the same number of it share a bar. None if no choice moves it.
+    Choices that make the same number of it share a bar. `place` is that of a number on a line from 0 to 100 %, within a
+    rim of 4 %. None if no choice moves it.
     """
     moved = [one for one in number.effects if one.counts]
     if not moved:
@@ -275,11 +270,13 @@ def _deciding(number: Number) -> dict[str, Any] | None:
     )
     bars = dict(list(near.items())[:_BARS])
     drawn = [one for of in bars.values() for one in of]
+    values = [number.value, number.mark, *(one.number for one in drawn)]
+    least, most = min(values), max(values)
     return {
         "number": number,
-        "place": _places([number.value, number.mark, *(one.number for one in drawn)], 4),
+        "place": lambda value: round(4 + 92 * (value - least) / (most - least), 1),
         "bars": bars,
-        "more": [one for one in moved if one not in drawn],
+        "more": len(moved) - len(drawn),
         "still": sorted({one.choice for one in number.effects} - {one.choice for one in moved}),
     }
 
@@ -298,12 +295,9 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         for row in report.claims:
             kind = in_words(row.verdict) if row.id in entry["claims"] else "stated"
             parts.append((row.id, kind, _said(row), row.quantity, row.id, row.where))
-        for one in entry["figures"].values():
-            parts.append(
-                (one.name, "figure", figure_label(one.name), one.product.caption, paper.described.get(one.name))
-            )
-        for one in entry["tables"].values():
-            parts.append((one.anchor, "table", figure_label(one.name), one.product.caption))
+        for kind, described in (("figure", paper.described), ("table", {})):
+            for one in entry[f"{kind}s"].values():
+                parts.append((one.anchor, kind, figure_label(one.name), one.product.caption, described.get(one.name)))
         for one in paper.errata:
             parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
@@ -311,8 +305,7 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
         if paper.title:
             parts.append(("short", "paper", name, paper.title, paper.authors, paper.question))
-        found += [(entry["at"](anchor), f"{name}: {kind}", *texts) for anchor, kind, *texts in parts]
-    return sorted(
-        [address, kind, without_markup(title), without_markup(" ".join(filter(None, texts)))]
-        for address, kind, title, *texts in found
-    )
+        for anchor, kind, title, *texts in parts:
+            text = without_markup(" ".join(filter(None, texts)))
+            found.append([entry["at"](anchor), f"{name}: {kind}", without_markup(title), text])
+    return sorted(found)
