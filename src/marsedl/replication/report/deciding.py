@@ -1,7 +1,7 @@
 """What decides a paper's results, from its table of universes, as its page shows it."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from functools import cached_property
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ class ErratumEffect(NamedTuple):
 
     `rank` is one of `RANKS`; `choices` are those that belong to it. `no_result` are the headline claims without a
     result, `headline` the headline numbers that change, the largest change first, `verdicts` the claims whose verdict
-    changes. `named` are the claims that name the erratum, `refuted` those of them that differ or fail.
+    changes. `about` are these and all claims that name the erratum; `refuted` name it, and differ or fail.
     """
 
     erratum: Erratum
@@ -43,7 +43,7 @@ class ErratumEffect(NamedTuple):
     no_result: Sequence[str]
     headline: Sequence[Changed]
     verdicts: Sequence[str]
-    named: Sequence[str]
+    about: Set[str]
     refuted: Sequence[str]
 
 
@@ -102,7 +102,8 @@ class Deciding:
         refuted = [row for row in named if row.is_refuted]
         unranked = "nothing" if changed else "named" if refuted else "not_varied"
         rank = next((rank for rank in found if found[rank]), unranked)
-        return ErratumEffect(erratum, rank, choices, **found, named=_ids(named), refuted=_ids(refuted))
+        about = {*_ids(named), *found["verdicts"]}
+        return ErratumEffect(erratum, rank, choices, **found, about=about, refuted=_ids(refuted))
 
     def causes(self) -> dict[str, tuple[Choice, float, float, str] | None]:
         """Return the cause of every claim that differs or fails; None if no choice by itself moves it towards print.

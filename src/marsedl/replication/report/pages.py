@@ -99,7 +99,7 @@ def _templates() -> Any:
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
     of_names = (figure_label, different, written, in_words, joint, answer)
-    here = (_capital, _json, _said, _components, _by_verdict, _signed)
+    here = (_capital, _json, _said, _components, _signed)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
@@ -109,6 +109,7 @@ def _templates() -> Any:
         "printed": lambda row: "" if row.is_statement else ", ".join(format_lines(row.printed, None, row.resolution)),
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
         "used": lambda row: ", ".join(format_result(row, row.reading)),
+        "by_verdict": lambda row: _grouped((one.verdict, name) for name, one in row.readings.items() if one.verdict),
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
     templates.globals |= {"kinds": VERDICTS_OF, "likenesses": LIKENESSES, "terms": words(), "default": CORRECTED}
@@ -185,7 +186,6 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         if is_turned(row.readings[CORRECTED].verdict, result.verdict)
     )
     deciding = Deciding(rows, paper.errata, report.judge)
-    effects = deciding.effects()
     figures = _shown(paper.figures, folder)
     tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
@@ -201,15 +201,8 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "summary": summary(rows),
         "counts": counted(rows),
         "causes": deciding.causes(),
-        "named": {  # what leads to a claim, for the filter
-            name: [
-                *(f"reading:{reading};" for reading, those in changed.items() if name in those),
-                *(f"erratum:{one.erratum.id};" for one in effects if name in (*one.named, *one.verdicts)),
-            ]
-            for name in claims
-        },
         "deciding": deciding.number and _deciding(deciding.number),
-        "effects": effects,
+        "effects": deciding.effects(),
         "open": deciding.open(),
         "universes": _universes(headline, folder) if report.judge else [],
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
@@ -230,11 +223,6 @@ def _grouped(pairs: Iterable[tuple[str, Any]]) -> dict[str, list]:
 def _said(row: Claim) -> str:
     """A claim in plain words, or else in full."""
     return _capital(row.plain or row.quantity)
-
-
-def _by_verdict(row: Claim) -> dict[str, list[str]]:
-    """The readings that decide a claim, by their verdicts."""
-    return _grouped((result.verdict, name) for name, result in row.readings.items() if result.verdict)
 
 
 def _components(row: Claim) -> list[tuple[str, str, str]]:
