@@ -167,8 +167,7 @@ def example(folder, hostile="plain"):
         collect(published, declared, evaluations),
         readings,
         None,
-        dict.fromkeys(others, "m/s"),
-        dict.fromkeys(others, "at 0 s"),
+        dict.fromkeys(others, ("m/s", "at 0 s")),
         [
             CloseUp(
                 "states", "Final states", f"Where the flights end. {hostile}", "histories", {"said": hostile, "n": 1.5}
@@ -319,7 +318,7 @@ def test_all_that_is_searched_for_has_an_address(site, pages):
     for anchor, figure in catalogue.figures.items():
         assert [second if figure.beyond else first, anchor] in addresses
     for page, prefix, names in (
-        (second, "input", paper.meanings),
+        (second, "input", paper.inputs),
         (second, "reading", paper.readings),
         (first, "table", catalogue.tables),
     ):

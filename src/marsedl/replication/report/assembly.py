@@ -53,16 +53,14 @@ class Solved(NamedTuple):
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `judge` knows its universes, `units` and `meanings` are those of its inputs, and `provenance` are
-    rows of text.
+    `judge` knows its universes, `inputs` are the unit and the meaning of each, and `provenance` are rows of text.
     """
 
     catalogue: Paper
     claims: Sequence[Claim]
     readings: Mapping[str, Reading]
     judge: Judge | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
-    meanings: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
     solves: Sequence[Solved] = ()
     provenance: Sequence[Sequence[str]] = ()
@@ -86,8 +84,7 @@ def paper_report(
         claims,
         readings,
         judge,
-        {name: model.unit(name) for name in names},
-        {name: model.meaning(name) for name in names},
+        {name: (model.unit(name), model.meaning(name)) for name in names},
         closeups(catalogue, files),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
         provenance(files, catalogue.stages, {name: written(readings[CORRECTED], name) for name in names}),

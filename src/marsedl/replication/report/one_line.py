@@ -23,8 +23,6 @@ def shown(row: Claim) -> str:
     nothing, or if a statement is decided by no number.
     """
     result, margin = row.result, row.result.margin
-    if result.verdict is None or row.kind == "context":
-        return ""
     if row.is_statement:
         if margin is None or margin.value is None:
             return ""

@@ -288,7 +288,7 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
                 parts.append((one.anchor, kind, figure_label(one.name), one.product.caption, described.get(one.name)))
         for one in paper.errata:
             parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
-        parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
+        parts += [(f"input-{key}", "input", key, meaning) for key, (_, meaning) in report.inputs.items()]
         parts += [(f"reading-{key}", "reading", key, one["summary"]) for key, one in report.readings.items()]
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
         if paper.title:
