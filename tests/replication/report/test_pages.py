@@ -23,7 +23,7 @@ from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
-from marsedl.replication.report.assembly import PaperReport, Solved
+from marsedl.replication.report.assembly import PaperReport
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.report.files import site_files
@@ -173,7 +173,7 @@ def example(folder, hostile="plain"):
                 "states", "Final states", f"Where the flights end. {hostile}", "histories", {"said": hostile, "n": 1.5}
             )
         ],
-        [Solved("certificates", "solver", {"optimal": ["printed"], hostile: ["corrected"]}, [3, 1000], [])],
+        [["certificates", "solver", f"1 optimal; 1 {hostile} (corrected)", "2", "3 to 1,000", "–"]],
         [["gains", "Gains.", "linearization", "7", "abc"]],
     )
     place = {"paper": "small", "id": "only", "where": "Table 1", "quantity": "a matrix", "kind": "deterministic"}

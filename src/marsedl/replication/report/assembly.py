@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -39,21 +39,11 @@ def different(first: Reading, second: Reading, names: Iterable[str]) -> list[str
     return [name for name in names if written(first, name) != written(second, name)]
 
 
-class Solved(NamedTuple):
-    """How a solver ended: the reading of each solve by its ending, the most frequent one first."""
-
-    artifact: str
-    what: str
-    endings: Mapping[str, Sequence[str]]
-    iterations: Sequence[int]
-    residuals: Sequence[float]
-
-
 @dataclass(frozen=True)
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `judge` knows its universes, `inputs` are the unit and the meaning of each, and `provenance` are rows of text.
+    `judge` knows its universes, `inputs` have unit and meaning by name, `solves` and `provenance` are rows of text.
     """
 
     catalogue: Paper
@@ -62,7 +52,7 @@ class PaperReport:
     judge: Judge | None = None
     inputs: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
-    solves: Sequence[Solved] = ()
+    solves: Sequence[Sequence[str]] = ()
     provenance: Sequence[Sequence[str]] = ()
 
 
@@ -91,8 +81,12 @@ def paper_report(
     )
 
 
-def solved(solve: Solve, paths: Paths) -> Solved | None:
-    """Return how a solver ended in the artifacts of all readings; None if there are none."""
+def solved(solve: Solve, paths: Paths) -> list[str]:
+    """Return how a solver ended in the artifacts of all readings, as a row of text; empty if there are none.
+
+    It has the stage, what is solved, how it ended (most often, then otherwise, with the readings of that), the numbers
+    of solves and of iterations, and the largest residual.
+    """
     endings, numbers = defaultdict(list), {name: [] for name in (solve.iterations, solve.residual)}
     for path in dict.fromkeys(Path(files[solve.artifact]) for files in paths.values() if solve.artifact in files):
         with store.opened(path) as file:
@@ -101,11 +95,15 @@ def solved(solve: Solve, paths: Paths) -> Solved | None:
             for name in filter(None, numbers):
                 numbers[name] += np.ravel(file[name][()]).tolist()
     if not endings:
-        return None
-    usual = max(endings, key=lambda ending: len(endings[ending]))
-    residuals = [value for value in numbers[solve.residual] if np.isfinite(value)]
-    ordered = {usual: endings.pop(usual), **endings}
-    return Solved(solve.artifact, solve.what or solve.artifact, ordered, numbers[solve.iterations], residuals)
+        return []
+    solves, usual = sum(map(len, endings.values())), max(endings, key=lambda ending: len(endings[ending]))
+    ended = [f"{len(endings.pop(usual))} {usual}"]
+    ended += [f"{len(names)} {ending} ({', '.join(dict.fromkeys(names))})" for ending, names in endings.items()]
+    iterations = sorted(numbers[solve.iterations])
+    ends = " to ".join(f"{number:,}" for number in dict.fromkeys([*iterations[:1], *iterations[-1:]])) or "–"
+    residual = max((value for value in numbers[solve.residual] if np.isfinite(value)), default=None)
+    largest = "–" if residual is None else f"{residual:.1e}"
+    return [solve.artifact, solve.what or solve.artifact, "; ".join(ended), f"{solves:,}", ends, largest]
 
 
 def provenance(files: Mapping[str, str], stages: Mapping[str, Stage], inputs: Mapping[str, Any]) -> list[list[str]]:

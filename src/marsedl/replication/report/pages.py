@@ -189,6 +189,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     figures = _shown(paper.figures, folder)
     tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
+    of_universes = files.universe_pictures(_said(row).rstrip(".") for row in headline) if report.judge else {}
     of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
     first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
     return {
@@ -204,7 +205,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "deciding": deciding.number and _deciding(deciding.number),
         "effects": deciding.effects(),
         "open": deciding.open(),
-        "universes": _universes(headline, folder) if report.judge else [],
+        "universes": _shown({name: Product(said) for name, said in of_universes.items()}, folder).values(),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
         "picture": _shown(of_headline, folder).get(files.HEADLINE),
         "figures": figures,
@@ -230,16 +231,6 @@ def _components(row: Claim) -> list[tuple[str, str, str]]:
     verdicts = [", ".join(part or "" for part in flatten(one).values()) for one in row.result.components or []]
     columns = format_lines(row.printed, resolution=row.resolution), format_result(row, row.reading), verdicts
     return list(zip(*columns, strict=True)) if len({len(column) for column in columns}) == 1 else []
-
-
-def _universes(headline: Sequence[Claim], folder: Path) -> list[Shown]:
-    """The pictures of a paper's universes."""
-    titles = ["Every choice and every claim", "What is not ruled out"]
-    for row in headline:
-        said = _said(row).rstrip(".")
-        titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
-    drawn = dict(zip(files.universe_pictures(len(headline)), map(Product, titles), strict=True))
-    return [*_shown(drawn, folder).values()]
 
 
 def _deciding(number: Number) -> dict[str, Any] | None:
