@@ -22,18 +22,11 @@ RANKS = (  # what an erratum changes, from most to least
 FAILURES = ("infeasible", "refused", "numerical")
 
 
-class Changed(NamedTuple):
-    """A claim that changes, and by what."""
-
-    claim: Claim
-    effect: Effect
-
-
 class ErratumEffect(NamedTuple):
     """What an erratum changes if it is kept by itself.
 
     `rank` is one of `RANKS`; `choices` are those that belong to it. `no_result` are the headline claims without a
-    result, `headline` the headline numbers that change, the largest change first, `verdicts` the claims whose verdict
+    result, `headline` is the one whose number changes most, by `effect`, and `verdicts` are the claims whose verdict
     changes. `about` are these and all claims that name the erratum; `refuted` name it, and differ or fail.
     """
 
@@ -41,7 +34,8 @@ class ErratumEffect(NamedTuple):
     rank: str
     choices: Sequence[str]
     no_result: Sequence[str]
-    headline: Sequence[Changed]
+    headline: Claim | None
+    effect: Effect | None
     verdicts: Sequence[str]
     about: Set[str]
     refuted: Sequence[str]
@@ -80,22 +74,24 @@ class Deciding:
         self._judged = [row for row in claims if judge and row.id in judge.table.claim]
 
     def effects(self) -> list[ErratumEffect]:
-        """Return what each erratum changes, by rank, then by the largest headline number or the refuted claims."""
+        """Return what each erratum changes, by rank, then by the change of a number or the refuted claims."""
 
         def order(one: ErratumEffect) -> tuple[int, float]:
             if one.rank == "headline":
-                return RANKS.index(one.rank), -one.headline[0].effect.size
+                return RANKS.index(one.rank), -one.effect.size
             return RANKS.index(one.rank), -len(one.refuted) if one.rank == "named" else 0.0
 
         return sorted(map(self._effect, self._errata), key=order)
 
     def _effect(self, erratum: Erratum) -> ErratumEffect:
         choices = [one.name for one in self._choices if one.erratum == erratum.id]
-        changed = [Changed(row, e) for row in self._judged for e in self.judge.effects(row.id) if e.choice in choices]
-        of_headline = [one for one in changed if one.claim.headline]
+        changed = [(row, e) for row in self._judged for e in self.judge.effects(row.id) if e.choice in choices]
+        of_headline = [(row, e) for row, e in changed if row.headline]
+        moving = [(row, e) for row, e in of_headline if e.counts]
+        headline, effect = max(moving, key=lambda one: one[1].size, default=(None, None))
         found = {
-            "no_result": _ids(row for row, effect in of_headline if effect.cause in FAILURES),
-            "headline": sorted((one for one in of_headline if one.effect.counts), key=lambda one: -one.effect.size),
+            "no_result": _ids(row for row, e in of_headline if e.cause in FAILURES),
+            "headline": headline,
             "verdicts": _ids(row for row, e in changed if is_turned(self.judge.verdict(row.id), e.verdict)),
         }
         named = [row for row in self._claims if erratum.id in row.errata]
@@ -103,7 +99,7 @@ class Deciding:
         unranked = "nothing" if changed else "named" if refuted else "not_varied"
         rank = next((rank for rank in found if found[rank]), unranked)
         about = {*_ids(named), *found["verdicts"]}
-        return ErratumEffect(erratum, rank, choices, **found, about=about, refuted=_ids(refuted))
+        return ErratumEffect(erratum, rank, choices, **found, effect=effect, about=about, refuted=_ids(refuted))
 
     def causes(self) -> dict[str, tuple[Choice, float, float, str] | None]:
         """Return the cause of every claim that differs or fails; None if no choice by itself moves it towards print.
