@@ -34,11 +34,6 @@ def written(reading: Reading, name: str) -> str:
     return f"{text} {suffix}".strip()
 
 
-def different(first: Reading, second: Reading, names: Iterable[str]) -> list[str]:
-    """Return the inputs, of these, in which two readings differ."""
-    return [name for name in names if written(first, name) != written(second, name)]
-
-
 @dataclass(frozen=True)
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.

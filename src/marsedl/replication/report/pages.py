@@ -22,7 +22,7 @@ from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import files, one_line
-from marsedl.replication.report.assembly import PaperReport, different, written
+from marsedl.replication.report.assembly import PaperReport, written
 from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
@@ -98,8 +98,8 @@ def _templates() -> Any:
     )
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, different, written, in_words, joint, answer)
-    here = (_capital, _json, _said, _components, _signed)
+    of_names = (figure_label, written, in_words, joint, answer)
+    here = (_capital, _json, _said, _components)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
@@ -110,6 +110,7 @@ def _templates() -> Any:
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
         "used": lambda row: ", ".join(format_result(row, row.reading)),
         "by_verdict": lambda row: _grouped((one.verdict, name) for name, one in row.readings.items() if one.verdict),
+        "different": lambda one, other, names: [name for name in names if written(one, name) != written(other, name)],
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
     templates.globals |= {"kinds": VERDICTS_OF, "likenesses": LIKENESSES, "terms": words(), "default": CORRECTED}
@@ -258,12 +259,6 @@ def _deciding(number: Number) -> dict[str, Any] | None:
         "more": len(moved) - len(drawn),
         "still": sorted({one.choice for one in number.effects} - {one.choice for one in moved}),
     }
-
-
-def _signed(difference: float, unit: str) -> str:
-    """A difference with its sign and unit."""
-    text = one_line.near(difference, difference)
-    return f"{'+' * (difference > 0)}{text} {unit}".strip().replace("-", "−", 1)
 
 
 def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
