@@ -74,11 +74,13 @@ def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
     assert rows[0] == [["case", "A program and a search.", "gains", "9", "–"]]
 
 
-def test_a_damaged_artifact_is_named(tmp_path):
-    path = tmp_path / "gains.h5"
+def test_a_damaged_or_foreign_artifact_is_named(tmp_path):
+    path, foreign = tmp_path / "gains.h5", saved(tmp_path / "convergence.h5", ["optimal"], [3])
     path.write_bytes(b"\x89HDF")
     with pytest.raises(ArtifactError, match=r"gains\.h5"):
         assembly.solved(Solve("gains", "status"), {"corrected": {"gains": str(path)}})
+    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
+        assembly.closeups(catalogue("random_field"), {"convergence": foreign})
 
 
 @pytest.mark.parametrize(
@@ -96,9 +98,3 @@ def test_plots_hold_what_a_screen_shows(values, axis, expected):
     rounded = closeups.rounded(np.array(values), axis)
     assert rounded == expected
     assert "-0.0" not in json.dumps(rounded)
-
-
-def test_a_plot_of_a_damaged_artifact_is_refused_by_name(tmp_path):
-    path = saved(tmp_path / "convergence.h5", ["optimal"], [3])
-    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
-        assembly.closeups(catalogue("random_field"), {"convergence": path})
