@@ -144,8 +144,8 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 
 # --- universes
 
-# Pictures of the universes of each paper, which has so many headlines.
-UNIVERSE_PICTURES = {slug: universe_pictures(len(headline)) for slug, headline in HEADLINES.items()}
+# Names of the pictures of the universes of each paper.
+UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline in HEADLINES.items()}
 
 
 def universe_chunks(folder, suffix):

@@ -41,13 +41,11 @@ def test_how_all_solves_ended_is_counted_with_the_readings_of_each(tmp_path):
         },
     }
     search = assembly.solved(Solve("gains", "search_converged", what="search"), paths)
-    endings = {"converged": ["printed", "printed", "corrected"], "not converged": ["corrected"]}
-    assert search == assembly.Solved("gains", "search", endings, [], [])
+    assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
     program = assembly.solved(Solve("gains", "status", "solver_iterations", "worst_residual"), paths)
-    endings = {"optimal": ["printed", "corrected"], "stopped": ["printed"], "not solved": ["corrected"]}
-    assert program == assembly.Solved("gains", "gains", endings, [3, 1000, 7, 0], [1e-9, 2e-6])
-    assert list(program.endings) == list(endings)
-    assert assembly.solved(Solve("path", "status"), paths) is None
+    ended = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
+    assert program == ["gains", "gains", ended, "4", "0 to 1,000", "2.0e-06"]
+    assert assembly.solved(Solve("path", "status"), paths) == []
 
 
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):

@@ -21,7 +21,7 @@ from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.inputs.choices import Choice, Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
-from marsedl.replication.report.assembly import Input, PaperReport, Reading, Solved
+from marsedl.replication.report.assembly import PaperReport
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.report.files import site_files
@@ -62,6 +62,10 @@ def drawn(folder, slug, figures=(), tables=()):
         (folder / slug / f"{name}.md").write_text("| quantity | <b> |\n| --- | --- |\n| variance | 4.99 |\n")
 
 
+def reading(summary, based_on, inputs):
+    return {"summary": summary, "based_on": based_on, "frozen": based_on is None, "inputs": inputs}
+
+
 def example(folder, hostile="plain"):
     """Return a report of two papers from made-up numbers; their figures are drawn into the folder."""
     published = load_published(PUBLISHED)
@@ -85,13 +89,16 @@ def example(folder, hostile="plain"):
         "mc_final_mean": Declaration("It is {z:.1f} standard errors away.", errata=("E11",), choices=("step",)),
         "eq23_equality": Declaration("Eq. 23 drops a term.", errata=("E12",)),
     }
-    inputs = {"velocity": Input("[46.985, -17.101]", "Eq. 51"), "thrust": Input("18000", f"assumed: {hostile}")}
-    mended = inputs | {"velocity": Input("[46.985, 17.101]", "E10")}
-    readings = [
-        Reading("printed", f"Literally as printed. {hostile}", None, True, inputs),
-        Reading("corrected", "Errata mended; the default of all figures.", "printed", False, mended),
-        Reading("target4", "The target that the authors probably used.", "corrected", False, inputs),
-    ]
+    inputs = {
+        "velocity": ["velocity", [46.985, -17.101], "Eq. 51"],
+        "thrust": ["thrust", 18000, f"assumed: {hostile}"],
+    }
+    mended = inputs | {"velocity": ["velocity", [46.985, 17.101], "E10"]}
+    readings = {
+        "printed": reading(f"Literally as printed. {hostile}", None, inputs),
+        "corrected": reading("Errata mended; the default of all figures.", "printed", mended),
+        "target4": reading("The target that the authors probably used.", "corrected", inputs),
+    }
     names = [f"fig{i:02d}" for i in range(1, 5)]
     drawn(folder, "powered_descent", [*names, "headline"], ["eq54"])
     drawn(folder, "small", ["headline"])
@@ -117,24 +124,25 @@ def example(folder, hostile="plain"):
     paper = PaperReport(
         catalogue,
         collect(published, declared, evaluations),
-        {one.name: one for one in readings},
+        readings,
         None,
-        dict.fromkeys(inputs, "m/s"),
-        dict.fromkeys(inputs, "at 0 s"),
+        dict.fromkeys(inputs, ("m/s", "at 0 s")),
         [CloseUp("states", "Final states", f"Where the flights end. {hostile}", "histories", data)],
-        [Solved("certificates", "solver", {"optimal": ["printed"], hostile: ["corrected"]}, [3, 1000], [])],
+        [["certificates", "solver", f"1 optimal; 1 {hostile} (corrected)", "2", "3 to 1,000", "–"]],
         [["gains", "Gains.", "linearization", "7", "abc"]],
     )
     place = {"paper": "small", "id": "only", "where": "Table 1", "quantity": "a matrix", "kind": "deterministic"}
     small = PublishedClaim(**place, printed=[[1, 2], [3, 4]], unit="m", resolution=1)
     rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
-    environment = {
-        "size": "smoke",
-        "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
-        "cited": {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"},
-    }
+    cited = {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"}
+    (folder / "CITATION.cff").write_text(json.dumps(cited))
     alone = Paper("small", "A small paper", "", "Nobody.")
-    return [paper, PaperReport(alone, rows, {"corrected": Reading("corrected", "All.", None, False, {})})], environment
+    return [paper, PaperReport(alone, rows, {"corrected": reading("All.", None, {})})]
+
+
+def build(out, papers, folder, size="smoke", comparisons=None):
+    """Build the site of figures and CITATION.cff in a folder."""
+    build_site(out, papers, size, folder / "CITATION.cff", comparisons or {}, folder)
 
 
 def together(folder):
@@ -146,9 +154,9 @@ def together(folder):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
-    build_site(folder / "out", papers, environment, together(folder), folder)
-    return folder, papers, environment
+    papers = example(folder, hostile="</script><script>alert('x & y')</script>")
+    build(folder / "out", papers, folder, comparisons=together(folder))
+    return folder, papers
 
 
 def figures_of(papers):
@@ -212,8 +220,8 @@ def words(page):
 
 
 def test_two_builds_have_the_same_bytes_and_the_files_that_are_promised(site):
-    folder, papers, environment = site
-    build_site(folder / "again", papers, environment, together(folder), folder)
+    folder, papers = site
+    build(folder / "again", papers, folder, comparisons=together(folder))
     first, second = (
         {path.relative_to(folder / name).as_posix(): path.read_bytes() for path in (folder / name).rglob("*.*")}
         for name in ("out", "again")
@@ -221,6 +229,11 @@ def test_two_builds_have_the_same_bytes_and_the_files_that_are_promised(site):
     assert first == second
     assert set(first) == set(site_files(figures_of(papers)))
     assert not any(str(folder).encode() in content for content in first.values())
+
+
+def test_files_that_a_page_names_are_written(site):
+    text = (site[0] / "out" / "about.html").read_text("utf-8")
+    assert {*re.findall("<code>report/([^<]*)</code>", text)} <= {*site_files(figures_of(site[1]))}
 
 
 def test_the_zip_holds_all_other_files(site):
@@ -256,7 +269,7 @@ def test_all_that_is_searched_for_has_an_address(site, pages):
     for anchor, figure in catalogue.figures.items():
         assert [second if figure.beyond else first, anchor] in addresses
     for page, prefix, names in (
-        (second, "input", paper.meanings),
+        (second, "input", paper.inputs),
         (second, "reading", paper.readings),
         (first, "table", catalogue.tables),
     ):
@@ -366,7 +379,7 @@ def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, 
     """What moves a claim away, or within its error, stands nowhere as its cause, whatever it was declared with."""
     names = ("away", "still", "unsolved", "some", "most")
     written = {f"choice_{n}": Choice(f"choice_{n}", "?", "withheld", "", {}, {"ours": {}, n: {}}, None) for n in names}
-    (paper, _), _ = example(tmp_path)
+    paper, _ = example(tmp_path)
     cause = cause_of(effects)
     standing = STILL.model_copy(update={"cause": cause and (cause.choice, cause.value)})
     update = {"universes": standing, "unit": "m", "choices": ("choice_away", "choice_still")}
@@ -405,12 +418,12 @@ def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
 
 
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
-    papers, environment = example(tmp_path)
+    papers = example(tmp_path)
     rows = {row.id: row for row in papers[0].claims}
     row = next(row for row in rows.values() if row.is_refuted)
     rows[row.id] = row.model_copy(update={"reason": UNEXPLAINED})
     papers = [replace(papers[0], claims=list(rows.values()))]
-    build_site(tmp_path / "out", papers, environment | {"size": "full"}, {}, tmp_path)
+    build(tmp_path / "out", papers, tmp_path, "full")
     for name in ("index.html", "powered_descent.html", "about.html"):
         page = read(tmp_path / "out" / name)
         assert "1 result is unexplained." in words(page)
@@ -427,7 +440,7 @@ def test_the_search_library_is_what_its_notice_says():
 
 @pytest.mark.parametrize("content", [None, b"GIF89a"])
 def test_a_figure_that_is_not_a_png_is_refused_and_the_last_report_stays(tmp_path, content):
-    papers, environment = example(tmp_path)
+    papers = example(tmp_path)
     image, output = tmp_path / "powered_descent" / "fig03.png", tmp_path / "out" / "index.html"
     image.unlink()
     if content is not None:
@@ -435,6 +448,6 @@ def test_a_figure_that_is_not_a_png_is_refused_and_the_last_report_stays(tmp_pat
     output.parent.mkdir()
     output.write_text("good")
     with pytest.raises(ArtifactError, match=r"fig03\.png"):
-        build_site(output.parent, papers, environment, {}, tmp_path)
+        build(output.parent, papers, tmp_path)
     assert output.read_text() == "good"
     assert list(output.parent.iterdir()) == [output]
