@@ -15,8 +15,7 @@ def catalogue(slug: str) -> Paper:
     """Return a paper's bill of materials, with its words and what its functions declare; raises InputError."""
     if slug not in SLUGS:
         raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
-    # Here, as jobs import this package without it.
-    from marsedl.replication.pipeline.declarations import declared
+    from marsedl.replication.pipeline.declarations import declared  # here, as jobs import this package without it
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
     from marsedl.replication.report.texts import with_texts
 
