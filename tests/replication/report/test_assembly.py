@@ -9,7 +9,7 @@ import pytest
 
 from marsedl.papers import catalogue
 from marsedl.replication.errors import ArtifactError
-from marsedl.replication.pipeline.catalogue import Solve, Stage
+from marsedl.replication.pipeline.catalogue import Solve
 from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantity
 from marsedl.replication.report import assembly, closeups
@@ -26,9 +26,9 @@ class Program:
     share_converged: float = quantity("1", (), "a number, which says of no solve how it ended")
 
 
-def saved(path, status, iterations, residual=1e-9, converged=(True, True), needs={}, **inputs):
+def saved(path, status, iterations, residual=1e-9, converged=(True, True), needs=(), **inputs):
     artifact = Program(np.array(status), np.array(iterations), residual, np.array(converged), 0.5)
-    provenance = {"inputs": inputs, "code": "abc def", "needs": needs}
+    provenance = {"inputs": inputs, "code": "abc def", "needs": dict(needs)}
     store.save(path, artifact, paper="p", reading=path.parent.name, provenance=provenance)
     return str(path)
 
