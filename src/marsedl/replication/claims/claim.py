@@ -101,12 +101,12 @@ class Margin(_Part):
 class Counterexample(_Part):
     """The least change that turns the verdict, of those that are tried."""
 
-    change: Literal["scaled", "shifted", "spread", "blended", "replaced", "in_reading"]
+    change: Literal["scaled", "shifted", "spread", "replaced", "in_reading"]
     """what is done"""
     of: str
     """the field, input or reading, with the component in brackets"""
     amount: Number | str | None
-    """a factor; a shift in standard deviations; the share of the way to another record; or what is put in its place"""
+    """a factor; a shift in standard deviations; or what is put in its place"""
     to: str
     """the verdict after it"""
 

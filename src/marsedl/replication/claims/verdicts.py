@@ -12,6 +12,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from marsedl.replication.claims.claim import (
     BY_CONSTRUCTION,
     MEASURED,
@@ -26,7 +28,7 @@ from marsedl.replication.claims.claim import (
     Tolerance,
 )
 from marsedl.replication.claims.counterexamples import Perturbation
-from marsedl.replication.claims.numbers import broadcast, finite_values, flatten, is_number, plain
+from marsedl.replication.claims.numbers import finite_values, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.quotes import with_own_numbers
 from marsedl.replication.claims.thresholds import SIGMAS, THIN
@@ -182,11 +184,11 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     def refuse(problem: str) -> ArtifactError:
         return ArtifactError(f"{claim.paper}: claim {claim.id}: {problem}")
 
-    printed, values = flatten(claim.printed), flatten(evaluation.value)
-    if printed.keys() != values.keys():
+    printed, values = (np.array(of, dtype=object) for of in (claim.printed, evaluation.value))
+    if printed.shape != values.shape:
         raise refuse(f"the value {evaluation.value!r} does not have the shape of the printed {claim.printed!r}")
     if claim.kind == "input":
-        used = all(_used_literally(values[index], printed[index]) for index in printed)
+        used = all(map(_used_literally, values.flat, printed.flat))
         return {"verdict": "as_stated" if used else "not_as_stated"}
     if claim.kind == "qualitative":
         if not isinstance(evaluation.value, bool):
@@ -194,36 +196,38 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
         verdict = "holds" if evaluation.value == claim.printed else "fails"
         verdict = "undetermined" if evaluation.doubts else verdict
         return {"verdict": verdict, "margin": evaluation.margin, "doubts": evaluation.doubts}
-    if not all(is_number(value) for value in values.values()):
+    if not all(map(is_number, values.flat)):
         raise refuse(f"expected numbers, found {evaluation.value!r}")
 
-    bounds = broadcast(close and close.absolute, printed)
-    if close and close.relative:
-        bounds = {index: close.relative * abs(number) for index, number in printed.items()}
-    if bounds.keys() != printed.keys():
-        raise refuse(f"the tolerance {close.absolute!r} does not have the shape of the printed {claim.printed!r}")
-    sizes, errors, ratio = broadcast(claim.resolution, printed), dict.fromkeys(printed, 0.0), 0.0
-    if claim.kind == "monte_carlo" and all(map(math.isfinite, values.values())):
-        errors = _standard_errors(evaluation, values, refuse)
+    bound = close.absolute if close and close.absolute is not None else 0.0
+    if np.shape(bound) not in ((), printed.shape):
+        raise refuse(f"the tolerance {bound!r} does not have the shape of the printed {claim.printed!r}")
+    bounds = close.relative * np.abs(printed) if close and close.relative else bound
+    errors, ratio = 0.0, 0.0
+    if claim.kind == "monte_carlo" and all(map(math.isfinite, values.flat)):
+        errors = _standard_errors(evaluation, refuse)
         # The paper gives no standard errors: its trials are taken to spread like ours.
         ratio = math.sqrt(evaluation.trials / claim.trials)
-    parts = {
-        index: _compared(values[index], number, 0.5 * sizes[index], errors[index], ratio * errors[index], bounds[index])
-        for index, number in printed.items()
-    }
-    verdicts = {index: part.verdict for index, part in parts.items()}
-    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts.values())
-    deciding = [part for part in parts.values() if part.verdict == verdict]
-    judged = {"verdict": verdict, "components": _nested(claim.printed, verdicts)}
+    halves = 0.5 * np.asarray(claim.resolution)
+    each = np.broadcast_arrays(values, printed, halves, errors, ratio * errors, bounds)
+    parts = [_compared(*numbers) for numbers in zip(*(of.ravel().tolist() for of in each), strict=True)]
+    verdicts = [part.verdict for part in parts]
+    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
+    deciding = [part for part in parts if part.verdict == verdict]
+    judged = {"verdict": verdict}
+    if printed.shape:
+        judged["components"] = np.reshape(verdicts, printed.shape).tolist()
     if any(part.margin is None for part in deciding):
         return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
     if verdict == "undetermined":
         trials = settling(max(part.more for part in deciding), evaluation.trials)
         judged["doubts"] = (Doubt(why="our sampling error decides", trials=trials),)
     nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.distance)
-    worst = max(parts, key=lambda index: abs(parts[index].z))
-    if claim.kind == "monte_carlo" and math.isfinite(parts[worst].z):
-        judged["z"] = Deviation(largest=parts[worst].z, component=tuple(i + 1 for i in worst) or None)
+    if claim.kind == "monte_carlo":
+        worst = max(range(len(parts)), key=lambda at: abs(parts[at].z))
+        if math.isfinite(parts[worst].z):
+            component = tuple(int(at) + 1 for at in np.unravel_index(worst, printed.shape))
+            judged["z"] = Deviation(largest=parts[worst].z, component=component or None)
     return judged | {"margin": nearest_one.margin}
 
 
@@ -246,7 +250,7 @@ def _compared(value, printed, half, error, paper_error, bound) -> _Compared:
     """Judge one number.
 
     half: of the last printed digit; error, paper_error: standard errors of our number and of the paper's; bound: of
-    what is close, or nothing.
+    what is close, 0 if nothing is.
     """
     if math.isnan(error):
         return _Compared("undetermined")
@@ -277,25 +281,17 @@ def _compared(value, printed, half, error, paper_error, bound) -> _Compared:
         return _Compared("undetermined", z, margin, distance, next(filter(decide, _MORE), 1.0))
     if size <= tolerance:
         return _Compared("reproduced", z, margin, distance)
-    verdict = "close" if bound is not None and size <= bound * (1 + 1e-9) else "differs"
+    verdict = "close" if size <= bound * (1 + 1e-9) else "differs"
     return _Compared(verdict, z, margin, distance)
 
 
-def _standard_errors(evaluation: Evaluation, values: Mapping, refuse: Callable) -> dict:
+def _standard_errors(evaluation: Evaluation, refuse: Callable) -> np.ndarray:
     if evaluation.standard_error is None or not evaluation.trials:
         raise refuse("a Monte Carlo value needs its standard error and its number of trials")
-    errors = flatten(evaluation.standard_error)
-    valid = all(is_number(error) and (0 <= error < math.inf or math.isnan(error)) for error in errors.values())
-    if errors.keys() != values.keys() or not valid:
+    errors = np.array(evaluation.standard_error, dtype=float)
+    if errors.shape != np.shape(evaluation.value) or np.any((errors < 0.0) | np.isinf(errors)):
         raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
     return errors
-
-
-def _nested(like: Any, leaves: Mapping, index: tuple[int, ...] = ()) -> Any:
-    """Arrange leaves by their indices in the shape of a nested list; nothing for a single number."""
-    if not isinstance(like, list):
-        return leaves[index] if index else None
-    return [_nested(item, leaves, (*index, i)) for i, item in enumerate(like)]
 
 
 def _used_literally(value: Any, printed: Any) -> bool:
@@ -342,6 +338,6 @@ def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
     if tolerance.relative:
         bound = f"{100 * tolerance.relative:.3g} % of the printed value"
     else:
-        bound = ", ".join(f"{entry:g}" for entry in flatten(tolerance.absolute).values())
+        bound = ", ".join(f"{entry:g}" for entry in np.ravel(tolerance.absolute))
         bound = f"{bound} {claim.unit}".removesuffix(" 1")
     return f"{text} Within the tolerance stated beforehand ({bound}): {tolerance.reason.rstrip('.')}.".strip()
