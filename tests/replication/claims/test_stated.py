@@ -2,9 +2,8 @@
 
 import pytest
 
-from marsedl.replication.claims.printed import PublishedClaim, load_published
-from marsedl.replication.claims.stated import stated_value
-from marsedl.replication.claims.verdicts import judge
+from marsedl.replication.claims.printed import PublishedClaim, load_published, stated_value
+from marsedl.replication.claims.verdicts import Evaluation, judge
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.sections import Inputs, Section, given
 
@@ -48,11 +47,11 @@ def claim_of(name, printed, unit):
 )
 def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
     claim = claim_of(name, printed, unit)
-    assert judge(claim, stated_value(claim, VALUES, ToyInputs)).verdict == "as_stated"
+    assert judge(claim, Evaluation(stated_value(claim, VALUES, ToyInputs))).verdict == "as_stated"
     evaluations = {
         key: 1.01 * value if isinstance(value, float) else [1.01 * v for v in value] for key, value in VALUES.items()
     }
-    assert judge(claim, stated_value(claim, evaluations, ToyInputs)).verdict == "not_as_stated"
+    assert judge(claim, Evaluation(stated_value(claim, evaluations, ToyInputs))).verdict == "not_as_stated"
 
 
 @pytest.mark.parametrize(

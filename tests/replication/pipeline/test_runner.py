@@ -70,7 +70,7 @@ class Claims:
     """Measure what a paper's claims would."""
 
     @staticmethod
-    def evaluate(given, published, lacking):
+    def evaluate(given, published):
         values = given.values
         gains, windy, calm = (
             given.artifact(n, t) for n, t in (("gains", Gains), ("windy", Flights), ("calm", Flights))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import broadcast, flatten, is_number
+from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError
@@ -73,8 +73,10 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
             found = {(): (margin.value, margin.standard_error or 0.0, margin.limit)} if margin else {}
         else:
             values, printed = flatten(one.value), flatten(row.printed)
-            errors = broadcast(one.standard_error, values)
-            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if is_number(values.get(at))}
+            errors = flatten(one.standard_error)
+            found = {
+                at: (values[at], errors.get(at) or 0.0, printed[at]) for at in printed if is_number(values.get(at))
+            }
         numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}

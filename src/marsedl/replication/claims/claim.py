@@ -92,11 +92,6 @@ class Margin(_Part):
     standard_error: Number = 0.0
     """the standard error of the value; 0 if it is not sampled"""
 
-    @property
-    def sampled(self) -> bool:
-        """Whether the distance is counted in standard errors."""
-        return self.scale == "standard errors"
-
 
 class Counterexample(_Part):
     """The least change that turns the verdict, of those that are tried."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -92,11 +91,6 @@ def flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], An
     if not isinstance(value, list):
         return {index: value}
     return {place: leaf for i, item in enumerate(value) for place, leaf in flatten(item, (*index, i)).items()}
-
-
-def broadcast(value: Any, like: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
-    """Return a value for each number of another one; a single one serves all."""
-    return flatten(value) if isinstance(value, list) else dict.fromkeys(like, value)
 
 
 def is_finite(value: Any) -> bool:

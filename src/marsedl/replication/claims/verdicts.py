@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -203,32 +203,13 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     if np.shape(bound) not in ((), printed.shape):
         raise refuse(f"the tolerance {bound!r} does not have the shape of the printed {claim.printed!r}")
     bounds = close.relative * np.abs(printed) if close and close.relative else bound
-    errors, ratio = 0.0, 0.0
+    errors = paper_errors = np.zeros(printed.shape)
     if claim.kind == "monte_carlo" and all(map(math.isfinite, values.flat)):
         errors = _standard_errors(evaluation, refuse)
         # The paper gives no standard errors: its trials are taken to spread like ours.
-        ratio = math.sqrt(evaluation.trials / claim.trials)
-    halves = 0.5 * np.asarray(claim.resolution)
-    each = np.broadcast_arrays(values, printed, halves, errors, ratio * errors, bounds)
-    parts = [_compared(*numbers) for numbers in zip(*(of.ravel().tolist() for of in each), strict=True)]
-    verdicts = [part.verdict for part in parts]
-    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
-    deciding = [part for part in parts if part.verdict == verdict]
-    judged = {"verdict": verdict}
-    if printed.shape:
-        judged["components"] = np.reshape(verdicts, printed.shape).tolist()
-    if any(part.margin is None for part in deciding):
-        return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
-    if verdict == "undetermined":
-        trials = settling(max(part.more for part in deciding), evaluation.trials)
-        judged["doubts"] = (Doubt(why="our sampling error decides", trials=trials),)
-    nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.distance)
-    if claim.kind == "monte_carlo":
-        worst = max(range(len(parts)), key=lambda at: abs(parts[at].z))
-        if math.isfinite(parts[worst].z):
-            component = tuple(int(at) + 1 for at in np.unravel_index(worst, printed.shape))
-            judged["z"] = Deviation(largest=parts[worst].z, component=component or None)
-    return judged | {"margin": nearest_one.margin}
+        paper_errors = math.sqrt(evaluation.trials / claim.trials) * errors
+    half = 0.5 * np.asarray(claim.resolution)
+    return _compared(claim, evaluation.trials, printed.shape, values, printed, half, errors, paper_errors, bounds)
 
 
 def settling(more: float, trials: int | None) -> int | None:
@@ -236,53 +217,65 @@ def settling(more: float, trials: int | None) -> int | None:
     return int(float(f"{more * trials:.2g}")) if trials and more > 1.0 else None
 
 
-class _Compared(NamedTuple):
-    """The verdict on one number."""
+def _compared(claim: PublishedClaim, trials: int | None, shape: tuple[int, ...], *arrays: np.ndarray) -> dict[str, Any]:
+    """Judge numbers, of which the worst gives the verdict.
 
-    verdict: str
-    z: float = 0.0
-    margin: Margin | None = None  # None: without a standard error
-    distance: float = 0.0  # of the margin, also where it is infinite
-    more: float = 1.0  # so many times our trials would decide
-
-
-def _compared(value, printed, half, error, paper_error, bound) -> _Compared:
-    """Judge one number.
-
-    half: of the last printed digit; error, paper_error: standard errors of our number and of the paper's; bound: of
-    what is close, 0 if nothing is.
+    arrays: our numbers; those of the paper; half of their last digits; standard errors of ours and of the paper's;
+    bounds of what is close, 0 if nothing is.
     """
-    if math.isnan(error):
-        return _Compared("undetermined")
-    combined, difference = math.hypot(error, paper_error), value - printed
-    size = abs(difference)
+    values, printed, half, errors, paper_errors, bounds = (array.ravel() for array in np.broadcast_arrays(*arrays))
+    combined = np.array([*map(math.hypot, errors, paper_errors)])
+    differences = values - printed
+    size = np.abs(differences).astype(float)
     # A number exactly on the rounding edge may be off by its own floating-point noise.
-    tolerance = half * (1 + 2e-9) + 1e-15 * abs(printed) + SIGMAS * combined
-    if combined and math.isfinite(size):
-        z = math.copysign(max(size - half, 0.0) / combined, difference)
-    else:
-        z = 0.0 if size <= tolerance else math.inf
-    distance = abs(size - tolerance) / (combined or half) if math.isfinite(size) else math.inf
-    margin = Margin(
-        measure="difference from the printed value",
-        value=difference,
-        limit=tolerance,
-        unit="",
-        distance=distance,
-        scale="standard errors" if combined else "limits",
-        standard_error=combined,
+    limits = half * (1 + 2e-9) + 1e-15 * np.abs(printed).astype(float) + SIGMAS * combined
+    room = np.abs(size - limits)
+    verdicts = np.select(
+        [np.isnan(errors) | (room < errors), size <= limits, size <= (bounds * (1 + 1e-9)).astype(float)],
+        ["undetermined", "reproduced", "close"],
+        "differs",
     )
-    if error and abs(size - tolerance) < error:
+    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
+    judged: dict[str, Any] = {"verdict": verdict}
+    if shape:
+        judged["components"] = verdicts.reshape(shape).tolist()
+    deciding = np.flatnonzero(verdicts == verdict)
+    if np.isnan(errors[deciding]).any():
+        return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
+    if verdict == "undetermined":
+        more = max(map(_more, size[deciding] - half[deciding], errors[deciding], paper_errors[deciding]))
+        judged["doubts"] = (Doubt(why="our sampling error decides", trials=settling(more, trials)),)
+    sampled = combined > 0.0
+    distance = np.where(np.isfinite(size), room / np.where(sampled, combined, half), np.inf)
+    at = deciding[(np.argmax if verdict == "differs" else np.argmin)(distance[deciding])]
+    judged["margin"] = Margin(
+        measure="difference from the printed value",
+        value=differences[at],
+        limit=limits[at],
+        unit="",
+        distance=distance[at],
+        scale="standard errors" if sampled[at] else "limits",
+        standard_error=combined[at],
+    )
+    if claim.kind == "monte_carlo":
+        beyond = np.copysign(np.maximum(size - half, 0.0), differences.astype(float))
+        unsampled = np.where((size <= limits) | np.isnan(errors), 0.0, np.inf)
+        z = np.where(sampled, beyond / np.where(sampled, combined, 1.0), unsampled)
+        worst = np.argmax(np.abs(z))
+        if np.isfinite(z[worst]):
+            component = tuple(int(index) + 1 for index in np.unravel_index(worst, shape))
+            judged["z"] = Deviation(largest=z[worst], component=component or None)
+    return judged
 
-        def decide(more: float) -> bool:
-            less = error / math.sqrt(more)
-            return abs(size - half - SIGMAS * math.hypot(less, paper_error)) >= less
 
-        return _Compared("undetermined", z, margin, distance, next(filter(decide, _MORE), 1.0))
-    if size <= tolerance:
-        return _Compared("reproduced", z, margin, distance)
-    verdict = "close" if size <= bound * (1 + 1e-9) else "differs"
-    return _Compared(verdict, z, margin, distance)
+def _more(beyond: float, error: float, paper_error: float) -> float:
+    """So many times our trials would decide about a number that lies so far beyond its printed digits."""
+
+    def decide(more: float) -> bool:
+        less = error / math.sqrt(more)
+        return abs(beyond - SIGMAS * math.hypot(less, paper_error)) >= less
+
+    return next(filter(decide, _MORE), 1.0)
 
 
 def _standard_errors(evaluation: Evaluation, refuse: Callable) -> np.ndarray:

@@ -46,8 +46,7 @@ from marsedl.replication.claims.claim import (
 )
 from marsedl.replication.claims.counterexamples import Perturbation
 from marsedl.replication.claims.numbers import is_finite
-from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.claims.stated import stated_value
+from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
 from marsedl.replication.errors import InputError, SolverError
@@ -130,16 +129,20 @@ class Test:
         return Test(self.passed or other.passed, sentence, unsure.doubt, unsure.more, better.margin)
 
 
-@dataclass(frozen=True, eq=False)
 class Measure:
     """What a statement is judged by: a number, or an array of which all entries have to pass."""
 
-    name: str
-    value: np.ndarray
-    unit: str
-    error: np.ndarray | float = 0.0  # standard error of a sampled value
-
     __array_ufunc__ = None  # so that arrays leave comparisons to this class
+
+    def __init__(self, name: str, value: object, unit: str = "", *, error: object = 0.0):
+        """Take what is measured; raises InputError if there is no value at all, so that no test could fail.
+
+        name: what it is, as the subject of a sentence; unit: of the value and of its limit; error: standard error of a
+        sampled value, of its shape or one for all.
+        """
+        self.name, self.value, self.unit, self.error = name, np.asarray(value), unit, np.asarray(error, dtype=float)
+        if self.value.size == 0:
+            raise InputError(f"{name}: there is nothing to measure")
 
     def _test(self, compare: Callable, relation: str, limit: object) -> Test:
         limit = limit if isinstance(limit, Limit) else Limit(None, np.asarray(limit))
@@ -171,16 +174,7 @@ class Measure:
     __ge__ = partialmethod(_test, operator.ge, "at least")
 
 
-def measure(name: str, value: object, unit: str = "", *, error: object = 0.0) -> Measure:
-    """Return what a statement is judged by; raises InputError if there is no value at all, so that no test could fail.
-
-    name: what it is, as the subject of a sentence; value: a number or an array; unit: of the value and of its limit;
-    error: standard error of a sampled value, of its shape or one for all.
-    """
-    value = np.asarray(value)
-    if value.size == 0:
-        raise InputError(f"{name}: there is nothing to measure")
-    return Measure(name, value, unit, np.asarray(error, dtype=float))
+measure = Measure
 
 
 def check(sentence: str, passed: object) -> Test:
@@ -334,7 +328,7 @@ class Claims:
         if printed and printed.input is not None:
             if marked:
                 raise InputError(f"claim {name} has an input in data/published and a function too; drop one of them")
-            return stated_value(printed, asked.values, self._model)
+            return Evaluation(stated_value(printed, asked.values, self._model))
         try:
             return asked.call(marked.function, **marked.options)
         except Fails as failure:
@@ -344,21 +338,17 @@ class Claims:
             return Evaluation(failed, errors, failure.trials, str(failure), failed=True)
 
     def evaluate(
-        self,
-        given: Arguments,
-        published: Mapping[str, PublishedClaim],
-        lacking: tuple[type[Exception], ...] = (Missing,),
-        **further: object,
+        self, given: Arguments, published: Mapping[str, PublishedClaim], **further: object
     ) -> dict[str, Evaluation | None]:
-        """Return the evaluations of all claims in one reading by id; None for a claim that raises an error `lacking`.
+        """Return the evaluations of all claims in one reading by id, arguments as of `asking`.
 
-        Other arguments are those of `asking`.
+        None is that of a claim that lacks an artifact, or needs a stage whose solver fails.
         """
         asked = self.asking(given, published, **further)
         stated = [name for name, printed in published.items() if printed.input is not None]
         evaluations = dict.fromkeys([*stated, *self.declarations])
         for name in evaluations:
-            with contextlib.suppress(*lacking):
+            with contextlib.suppress(Missing, SolverError):
                 evaluations[name] = self.evaluate_one(name, asked)
         return evaluations
 
@@ -400,8 +390,5 @@ def claims_of(slug: str) -> Claims:
 
 
 def evaluate(run: Run, published: Mapping[str, PublishedClaim], **further: object) -> dict[str, Evaluation | None]:
-    """Return the evaluation of each claim of a run, arguments as of `Claims.evaluate`.
-
-    A claim that needs a stage whose solver fails has none.
-    """
-    return claims_of(run.paper.slug).evaluate(run.given(), published, (Missing, SolverError), **further)
+    """Return the evaluation of each claim of a run, arguments as of `Claims.evaluate`."""
+    return claims_of(run.paper.slug).evaluate(run.given(), published, **further)

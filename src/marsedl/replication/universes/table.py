@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import MEASURED, Result
-from marsedl.replication.claims.numbers import broadcast, flatten, is_number
+from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation, judge
@@ -230,7 +230,7 @@ def half_digit(printed: PublishedClaim, index: tuple[int, ...]) -> float:
     """Return half of the last printed digit of a number; 0 if none is printed."""
     if printed.resolution is None:
         return 0.0
-    return 0.5 * broadcast(printed.resolution, flatten(printed.printed))[index]
+    return 0.5 * float(np.broadcast_to(printed.resolution, np.shape(printed.printed))[index])
 
 
 def size_of_change(before: tuple[float, float, float], after: tuple[float, float, float], half: float) -> float:
