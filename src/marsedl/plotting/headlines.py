@@ -10,7 +10,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, new_figure
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import flatten, format_number
+from marsedl.replication.claims.numbers import flatten, format_number, told_apart
 from marsedl.replication.errors import InputError, nearest
 
 _WIDTH = 4.6  # inches: as wide as the column of a page in which it stands
@@ -96,11 +96,9 @@ def limit_of(row: Claim) -> Limit:
     above = (margin.value > margin.limit) == bool(row.result.value)
     ratio = margin.value / margin.limit if margin.limit else np.inf if margin.value > 0 else 0.0
     error = (margin.standard_error or 0.0) / abs(margin.limit or np.inf)
-    digits = next((n for n in range(4, 12) if f"{margin.value:.{n}g}" != f"{margin.limit:.{n}g}"), 12)
-    value = (
-        format_number(margin.value, margin.standard_error) if margin.standard_error else f"{margin.value:.{digits}g}"
-    )
-    text = f"{value}, limit {margin.limit:.{digits}g} {margin.unit}".strip()
+    value, limit = told_apart(margin.value, margin.limit)
+    value = format_number(margin.value, margin.standard_error) if margin.standard_error else value
+    text = f"{value}, limit {limit} {margin.unit}".strip()
     return Limit(row.plain, ratio, error, above, margin.measure, text, row.result.verdict)
 
 

@@ -72,11 +72,9 @@ def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) ->
             margin = one.margin
             found = {(): (margin.value, margin.standard_error or 0.0, margin.limit)} if margin else {}
         else:
-            values, printed = flatten(one.value), flatten(row.printed)
-            errors = flatten(one.standard_error)
-            found = {
-                at: (values[at], errors.get(at) or 0.0, printed[at]) for at in printed if is_number(values.get(at))
-            }
+            values, errors, printed = map(flatten, (one.value, one.standard_error, row.printed))
+            places = [at for at in printed if is_number(values.get(at))]
+            found = {at: (values[at], errors.get(at) or 0.0, printed[at]) for at in places}
         numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}

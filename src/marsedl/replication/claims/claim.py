@@ -54,15 +54,6 @@ class _Part(BaseModel):
         return self.model_dump(by_alias=True)
 
 
-class Deviation(_Part):
-    """How far a Monte Carlo result lies from the printed one."""
-
-    largest: Number
-    """the deviation of the worst component, in combined standard errors"""
-    component: tuple[int, ...] | None
-    """its indices, counted from 1; null for a number that stands alone"""
-
-
 class Tolerance(_Part):
     """The tolerance, stated before the result was known, within which a number is close; relative or absolute."""
 
@@ -157,8 +148,6 @@ class Result(_Part):
     """why the verdict is undetermined"""
     margin: Margin | None = None
     """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
-    z: Deviation | None = None
-    """the deviation beyond the printed rounding; null: not a Monte Carlo result"""
 
 
 class Claim(_Part):

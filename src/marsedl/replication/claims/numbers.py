@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from marsedl.replication.claims.claim import Claim
 
@@ -50,6 +52,17 @@ def format_lines(value: Any, standard_error: Any = None, resolution: Any = None)
 
     inner = [format_lines(item, part(standard_error, i), part(resolution, i)) for i, item in enumerate(value)]
     return [", ".join(lines) for lines in inner]
+
+
+def told_apart(value: Any, limit: Any) -> tuple[str, str]:
+    """Write a number and its limit, with four digits or as many as it takes to tell them apart."""
+    if isinstance(value, int | np.integer):
+        return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.4g}"
+    for digits in range(4, 18):
+        texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+        if texts[0] != texts[1] or value == limit:
+            break
+    return texts
 
 
 def format_result(row: Claim, reading: str) -> list[str]:

@@ -21,7 +21,6 @@ from marsedl.replication.claims.claim import (
     STANDING_VERDICTS,
     UNEXPLAINED,
     Claim,
-    Deviation,
     Doubt,
     Margin,
     Result,
@@ -73,7 +72,7 @@ class Declaration:
     """What a paper's code states about a claim besides its value.
 
     `reason` may quote computed numbers, see `quotes`: `{name}` is a named number of the reading that gives the verdict
-    (`value`, `standard_error`, `trials` and `z` always exist), `{target4.name}` that of the reading `target4`. A
+    (`value`, `standard_error` and `trials` always exist), `{target4.name}` that of the reading `target4`. A
     verdict `differs` or `fails` needs a reason and an erratum or a choice.
     """
 
@@ -133,7 +132,7 @@ def collect(
                 f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {evaluations[first].value!r})"
                 " without a reason that names an erratum or a choice"
             )
-        reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, results, left_out)
+        reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, verdict, left_out)
         given = {name: value for name, value in (vars(declaration) | vars(claim)).items() if name in Claim.model_fields}
         given |= {
             "printed": finite_values(claim.printed, infinity="inf"),
@@ -209,7 +208,7 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
         # The paper gives no standard errors: its trials are taken to spread like ours.
         paper_errors = math.sqrt(evaluation.trials / claim.trials) * errors
     half = 0.5 * np.asarray(claim.resolution)
-    return _compared(claim, evaluation.trials, printed.shape, values, printed, half, errors, paper_errors, bounds)
+    return _compared(values, printed, half, errors, paper_errors, bounds, evaluation.trials)
 
 
 def settling(more: float, trials: int | None) -> int | None:
@@ -217,13 +216,14 @@ def settling(more: float, trials: int | None) -> int | None:
     return int(float(f"{more * trials:.2g}")) if trials and more > 1.0 else None
 
 
-def _compared(claim: PublishedClaim, trials: int | None, shape: tuple[int, ...], *arrays: np.ndarray) -> dict[str, Any]:
+def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> dict[str, Any]:
     """Judge numbers, of which the worst gives the verdict.
 
-    arrays: our numbers; those of the paper; half of their last digits; standard errors of ours and of the paper's;
-    bounds of what is close, 0 if nothing is.
+    half: of the last printed digits; errors, paper_errors: standard errors, ours and the paper's; bounds: of what is
+    close, 0 if nothing is; trials: ours.
     """
-    values, printed, half, errors, paper_errors, bounds = (array.ravel() for array in np.broadcast_arrays(*arrays))
+    shape, arrays = printed.shape, np.broadcast_arrays(values, printed, half, errors, paper_errors, bounds)
+    values, printed, half, errors, paper_errors, bounds = map(np.ravel, arrays)
     combined = np.array([*map(math.hypot, errors, paper_errors)])
     differences = values - printed
     size = np.abs(differences).astype(float)
@@ -257,14 +257,6 @@ def _compared(claim: PublishedClaim, trials: int | None, shape: tuple[int, ...],
         scale="standard errors" if sampled[at] else "limits",
         standard_error=combined[at],
     )
-    if claim.kind == "monte_carlo":
-        beyond = np.copysign(np.maximum(size - half, 0.0), differences.astype(float))
-        unsampled = np.where((size <= limits) | np.isnan(errors), 0.0, np.inf)
-        z = np.where(sampled, beyond / np.where(sampled, combined, 1.0), unsampled)
-        worst = np.argmax(np.abs(z))
-        if np.isfinite(z[worst]):
-            component = tuple(int(index) + 1 for index in np.unravel_index(worst, shape))
-            judged["z"] = Deviation(largest=z[worst], component=component or None)
     return judged
 
 
@@ -308,13 +300,12 @@ def _check_ids(published, declarations, evaluations_by_reading, known_errata) ->
             raise InputError(f"{published[0].paper}: there is no {what} '{name}'; {nearest(name, valid)}")
 
 
-def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
+def _reason(claim, declaration, first, evaluations, verdict, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     numbers: dict[str, dict | None] = dict.fromkeys(left_out)
     for name, evaluation in evaluations.items():
         own = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
-        own |= {"z": results[name].z and results[name].z.largest, **evaluation.numbers}
-        numbers[name] = None if evaluation.failed else own
+        numbers[name] = None if evaluation.failed else own | evaluation.numbers
     try:
         text = with_own_numbers(declaration.reason, numbers, first)
     except (ValueError, TypeError) as error:
@@ -325,7 +316,7 @@ def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
     text = ". ".join(filter(None, [basis, text]))
     if not text and declaration.choices:
         text = f"Depends on {', '.join(map(in_words, declaration.choices))}."
-    if results[first].verdict != "close":
+    if verdict != "close":
         return text
     tolerance = declaration.close
     if tolerance.relative:

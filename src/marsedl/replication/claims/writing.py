@@ -45,7 +45,7 @@ from marsedl.replication.claims.claim import (
     Tolerance,
 )
 from marsedl.replication.claims.counterexamples import Perturbation
-from marsedl.replication.claims.numbers import is_finite
+from marsedl.replication.claims.numbers import is_finite, told_apart
 from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
@@ -53,8 +53,6 @@ from marsedl.replication.errors import InputError, SolverError
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.runner import Run
-
-_DIGITS = 4  # that evidence shows, and more where a value and its limit would look equal
 
 
 class Fails(Exception):
@@ -155,7 +153,7 @@ class Measure:
         if value.size > 1:
             has_own_limits = np.ptp(limits.astype(float)) > 0
             which = "nearest to its limit " if has_own_limits else ("at most " if upper else "at least ")
-        number, bound = _texts(value[at], limits[at])
+        number, bound = told_apart(value[at], limits[at])
         unit = f" {self.unit}" if self.unit else ""
         spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
         negation = "" if passed.all() else "not "
@@ -247,17 +245,6 @@ def _margin(measure, passed, room, value, limits, error) -> Margin | None:
         scale="standard errors" if error[at] > 0 else "limits" if limits[at] else "values",
         standard_error=float(error[at]),
     )
-
-
-def _texts(value: object, limit: object) -> tuple[str, str]:
-    """A number and its limit, with as many digits as it takes to tell them apart."""
-    if np.issubdtype(np.asarray(value).dtype, np.integer):
-        return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.{_DIGITS}g}"
-    for digits in range(_DIGITS, 18):
-        texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
-        if texts[0] != texts[1] or value == limit:
-            break
-    return texts
 
 
 # ----------------------------------------------------------------------------------------------------- a paper's claims
