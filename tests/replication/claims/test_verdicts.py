@@ -352,8 +352,8 @@ def test_rows_show_the_default_reading_first_and_keep_every_reading():
     assert list(mass.readings) == ["corrected", "printed", "target4"]
     assert mass.readings["printed"].verdict == "differs"
     assert mass.reason == "E5, E17. 1354.9 kg against 1349.4 kg."
-    assert mass.written().keys() == Claim.model_fields.keys()
-    assert mass.written()["readings"]["printed"].keys() == Result.model_fields.keys()
+    assert mass.model_dump().keys() == Claim.model_fields.keys()
+    assert mass.model_dump()["readings"]["printed"].keys() == Result.model_fields.keys()
     assert rows["converges"].readings["target4"].verdict is None
     assert rows["effort"].verdict == "undetermined"
     assert rows["msl"].verdict == "quoted"

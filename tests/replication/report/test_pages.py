@@ -108,7 +108,7 @@ def example(folder, hostile="plain"):
             errata=("E10",),
         ),
         "mc_final_mean": Declaration(
-            "Altitude {value[1]:.3f} m, {z:.1f} standard errors away; target4 gives {target4.value[1]:.3f} m.",
+            "Altitude {value[1]:.3f} m, {standard_error[1]:.3f} m either way; target4 gives {target4.value[1]:.3f} m.",
             errata=("E11",),
             choices=("step",),
         ),

@@ -46,12 +46,9 @@ class _Part(BaseModel):
         use_attribute_docstrings=True,
         json_schema_serialization_defaults_required=True,
         validate_by_name=True,
+        serialize_by_alias=True,
         defer_build=True,
     )
-
-    def written(self) -> dict[str, Any]:
-        """Return the part as it is written to JSON."""
-        return self.model_dump(by_alias=True)
 
 
 class Tolerance(_Part):

@@ -86,7 +86,7 @@ def _numbers(row: Claim, reading: str) -> Mapping[str, Any]:
         return _absent() | printed
     numbers = {name: None for other in row.readings.values() for name in other.numbers}
     own = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
-    margin = result.margin.written() if result.margin else defaultdict(lambda: None)
+    margin = result.margin.model_dump() if result.margin else defaultdict(lambda: None)
     return numbers | result.numbers | own | printed | {"margin": margin}
 
 

@@ -246,7 +246,7 @@ def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> di
         more = max(map(_more, size[deciding] - half[deciding], errors[deciding], paper_errors[deciding]))
         judged["doubts"] = (Doubt(why="our sampling error decides", trials=settling(more, trials)),)
     sampled = combined > 0.0
-    distance = np.where(np.isfinite(size), room / np.where(sampled, combined, half), np.inf)
+    distance = room / np.where(sampled, combined, half)
     at = deciding[(np.argmax if verdict == "differs" else np.argmin)(distance[deciding])]
     judged["margin"] = Margin(
         measure="difference from the printed value",
