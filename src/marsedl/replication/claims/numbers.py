@@ -106,11 +106,6 @@ def flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], An
     return {place: leaf for i, item in enumerate(value) for place, leaf in flatten(item, (*index, i)).items()}
 
 
-def is_finite(value: Any) -> bool:
-    """Whether a plain value is there, and has no number in it that is not finite."""
-    return value is not None and all(not is_number(part) or math.isfinite(part) for part in flatten(value).values())
-
-
 def is_number(value: Any) -> bool:
     """Whether a plain value is one number."""
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -45,7 +45,7 @@ from marsedl.replication.claims.claim import (
     Tolerance,
 )
 from marsedl.replication.claims.counterexamples import Perturbation
-from marsedl.replication.claims.numbers import is_finite, told_apart
+from marsedl.replication.claims.numbers import finite_values, told_apart
 from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
@@ -144,12 +144,14 @@ class Measure:
 
     def _test(self, compare: Callable, relation: str, limit: object) -> Test:
         limit = limit if isinstance(limit, Limit) else Limit(None, np.asarray(limit))
-        value, limits, error = np.broadcast_arrays(self.value, np.asarray(limit.at(1.0)), self.error)
+        varied = (limit.at(factor) for factor in (1.0, 0.5, 2.0))
+        arrays = np.broadcast_arrays(self.value, *varied, self.error)
+        value, limits, half, twice, error = map(np.ravel, arrays)
         passed, upper = compare(value, limits), compare in (operator.lt, operator.le)
         room = ((limits - value) if upper else (value - limits)).astype(float)
         room = np.where(np.isnan(room), -np.inf, room)
         # With one limit for all, the entry nearest to it is the largest or the smallest.
-        at, which = np.unravel_index(np.argmin(room), room.shape), ""
+        at, which = np.argmin(room), ""
         if value.size > 1:
             has_own_limits = np.ptp(limits.astype(float)) > 0
             which = "nearest to its limit " if has_own_limits else ("at most " if upper else "at least ")
@@ -157,7 +159,7 @@ class Measure:
         unit = f" {self.unit}" if self.unit else ""
         spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
         negation = "" if passed.all() else "not "
-        why, more = _doubt(self, compare, limit, passed, room, error)
+        why, more = _doubt(passed, (compare(value, half) != passed) | (compare(value, twice) != passed), room, error)
         return Test(
             bool(passed.all()),
             f"{self.name}: {which}{number}{spread}{unit} ({negation}{relation} {bound}{unit})",
@@ -209,11 +211,9 @@ def listed(values: object, form: str = ".3f") -> str:
     return ", ".join(f"{value:{form}}" if np.isfinite(value) else "none" for value in np.atleast_1d(values))
 
 
-def _doubt(measure, compare, limit, passed, room, error) -> tuple[str, float]:
+def _doubt(passed, by_words, room, error) -> tuple[str, float]:
     """Why a test could be the other way, and how many times the trials would decide it; none if it could not."""
     by_noise = np.isfinite(room) & (error > 0) & (np.abs(room) <= SIGMAS * error)
-    varied = [np.broadcast_to(compare(measure.value, limit.at(factor)), room.shape) for factor in (0.5, 2.0)]
-    by_words = (varied[0] != passed) | (varied[1] != passed)
     without_error = np.isfinite(room) & np.isnan(error)
     if np.any(~passed & ~by_noise & ~by_words & ~without_error) or not np.any(by_noise | by_words | without_error):
         return "", 1.0  # one entry fails for certain, or all pass
@@ -234,8 +234,8 @@ def _margin(measure, passed, room, value, limits, error) -> Margin | None:
     if not candidates.size:
         return None
     # Of several that are as far in these units, as all are from a limit of zero, the numbers themselves decide.
-    by_distance = np.lexsort((np.abs(room).ravel()[candidates], distance.ravel()[candidates]))
-    at = np.unravel_index(candidates[by_distance[0 if passed.all() else -1]], distance.shape)
+    by_distance = np.lexsort((np.abs(room)[candidates], distance[candidates]))
+    at = candidates[by_distance[0 if passed.all() else -1]]
     return Margin(
         measure=measure.name,
         value=float(value[at]),
@@ -363,7 +363,7 @@ class Claims:
     def _verdict(self, name: str, asked: Arguments) -> tuple:
         """The verdict on a claim and on its components; raises ValueError if there is nothing to judge."""
         evaluation = self.evaluate_one(name, asked)
-        if evaluation.failed or not is_finite(evaluation.value):
+        if evaluation.failed or evaluation.value is None or finite_values(evaluation.value) != evaluation.value:
             raise ValueError(f"{name}: nothing to judge")
         result = judge(asked.further["published"][name], evaluation, self.declarations[name])
         return result.verdict, result.components
