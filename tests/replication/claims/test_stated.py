@@ -58,6 +58,7 @@ def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
     ("name", "printed", "unit", "message"),
     [
         ("mission.altitud", 125, "km", "no input 'mission.altitud'.*mission.altitude"),
+        ("altitude", 125, "km", "no input 'altitude'; did you mean 'mission.altitude'"),
         ("mission.altitude", 125, "deg", "printed in 'deg', but the input 'mission.altitude' is in 'm'"),
         ("mission.altitude", 125, "1", "printed in '1'"),  # a length needs its unit
         ("mission.limits[2]", 1, "deg", "no entry 2"),
@@ -78,7 +79,4 @@ def test_only_a_stated_input_may_name_one(tmp_path):
     assert load_published(path)[0].input == "mission.altitude"
     path.write_text(text.replace("KIND", "context"))
     with pytest.raises(InputError, match=r"claims\.a\.input: only a claim of kind 'input'"):
-        load_published(path)
-    path.write_text(text.replace("KIND", "input").replace("mission.altitude", "altitude"))
-    with pytest.raises(InputError, match=r"claims\.a\.input: must be an input 'section\.name'"):
         load_published(path)

@@ -3,8 +3,7 @@
 A claim names one field of its records, one input or one measured cost, and how it is changed:
 
     @claim(counterexample=shifted("closed_loop.final_state", component="mass"))
-    @claim(counterexample=spread("closed_loop.final_state", component="downrange"))
-    @claim(counterexample=scaled("gains.gain"))
+    @claim(counterexample=scaled("gains.gain", at=-1))
     @claim(counterexample=replaced("certificates.solver_status", "infeasible"))
     @claim(counterexample=in_reading("newton_noise"))
 

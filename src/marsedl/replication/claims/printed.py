@@ -38,9 +38,6 @@ _Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min
 _Plain = Annotated[_Text, _all(f"a text of at most {PLAIN_WORDS} words", lambda text: len(text.split()) <= PLAIN_WORDS)]
 _Id = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z0-9_]+$")]
 _Trials = Annotated[int, Field(strict=True, gt=0)]
-_Names = Annotated[
-    Any, _all("an input 'section.name', or a list of them", lambda name: re.match(r"\w+\.\w", str(name)))
-]
 _Numbers = Annotated[Any, _all("finite numbers", lambda value: is_number(value) and math.isfinite(value))]
 _Sizes = Annotated[Any, _all("positive numbers", lambda value: is_number(value) and 0 < value < math.inf)]
 _Anything = Annotated[  # an input may be infinite
@@ -62,7 +59,7 @@ class PublishedClaim(Keys):
     trials: _Trials | None = None  # the paper's number of Monte Carlo trials
     note: str = Field("", strict=True)
     plain: _Plain = ""  # the claim in few words, for readers who do not know the paper
-    input: _Names | None = None  # of a stated input that needs no code: "section.name", or a list of them
+    input: str | list[str] | None = None  # of a stated input that needs no code: "section.name", or a list of them
     headline: int | None = None  # place among the claims that the paper's abstract and conclusions rest on, from 1
 
     @field_validator("resolution")

@@ -204,7 +204,11 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     bounds = close.relative * np.abs(printed) if close and close.relative else bound
     errors = paper_errors = np.zeros(printed.shape)
     if claim.kind == "monte_carlo" and all(map(math.isfinite, values.flat)):
-        errors = _standard_errors(evaluation, refuse)
+        if evaluation.standard_error is None or not evaluation.trials:
+            raise refuse("a Monte Carlo value needs its standard error and its number of trials")
+        errors = np.array(evaluation.standard_error, dtype=float)
+        if errors.shape != values.shape or np.any((errors < 0.0) | np.isinf(errors)):
+            raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
         # The paper gives no standard errors: its trials are taken to spread like ours.
         paper_errors = math.sqrt(evaluation.trials / claim.trials) * errors
     half = 0.5 * np.asarray(claim.resolution)
@@ -268,15 +272,6 @@ def _more(beyond: float, error: float, paper_error: float) -> float:
         return abs(beyond - SIGMAS * math.hypot(less, paper_error)) >= less
 
     return next(filter(decide, _MORE), 1.0)
-
-
-def _standard_errors(evaluation: Evaluation, refuse: Callable) -> np.ndarray:
-    if evaluation.standard_error is None or not evaluation.trials:
-        raise refuse("a Monte Carlo value needs its standard error and its number of trials")
-    errors = np.array(evaluation.standard_error, dtype=float)
-    if errors.shape != np.shape(evaluation.value) or np.any((errors < 0.0) | np.isinf(errors)):
-        raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
-    return errors
 
 
 def _used_literally(value: Any, printed: Any) -> bool:

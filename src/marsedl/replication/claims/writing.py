@@ -10,9 +10,8 @@ decorator says what is fixed beforehand, what it returns says what was measured 
         error = mean_standard_error(variance(mass), len(mass))
         return holds(measure("mean minus prior mass", mass.mean() - nominal.mass[-1], "kg") > 3 * error)
 
-- A sampled measure carries its standard error, `measure(name, value, unit, error=...)`: within three of them of its
-  limit it is undetermined. A limit of words (`VISIBLE`, `1.0 - MUCH`, see `thresholds`) is varied by a factor of two.
-- `counterexample` names the change of a record or input that turns the verdict, see `counterexamples`.
+docs/verdicts.md says what limits, doubts and counterexamples there are.
+
 - A claim is not evaluated in a reading that lacks an artifact of its signature; a parameter with a default may lack.
 - `Largest[...]` takes the case `<name>_large` where the reading has it.
 - A measure that claims share is a function of the same folder with the class that it returns as its annotation; a
