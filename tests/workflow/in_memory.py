@@ -16,7 +16,7 @@ def main(root: Path, size: str, slug: str) -> dict:
     os.chdir(root)
     from marsedl.papers import catalogue, input_model  # only now, as they bring numpy
     from marsedl.replication.claims.printed import load_published
-    from marsedl.replication.claims.writing import evaluate
+    from marsedl.replication.claims.writing import claims_of
     from marsedl.replication.inputs.readings import load_study
     from marsedl.replication.pipeline.runner import Memory, Run
     from marsedl.replication.pipeline.sharing import Shared
@@ -36,7 +36,8 @@ def main(root: Path, size: str, slug: str) -> dict:
         if store.content_digest(record) != store.content_digest(built):
             unequal.append(name)
     published = {claim.id: claim for claim in load_published(Path("data/published") / f"{slug}.yaml")}
-    values = {name: evaluation and evaluation.value for name, evaluation in evaluate(run, published).items()}
+    found = claims_of(slug).evaluate(run.given(), published)
+    values = {name: evaluation and evaluation.value for name, evaluation in found.items()}
     return {"compared": names, "unequal": unequal, "values": values}
 
 

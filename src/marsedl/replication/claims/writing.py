@@ -51,7 +51,6 @@ from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, 
 from marsedl.replication.errors import InputError, SolverError
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.injection import Arguments, Missing
-from marsedl.replication.pipeline.runner import Run
 
 
 class Fails(Exception):
@@ -373,8 +372,3 @@ def claims_of(slug: str) -> Claims:
     """Return the claims of a paper."""
     model = import_module(f"marsedl.papers.{slug}.inputs").MODEL
     return Claims(f"marsedl.papers.{slug}.claims", model)
-
-
-def evaluate(run: Run, published: Mapping[str, PublishedClaim], **further: object) -> dict[str, Evaluation | None]:
-    """Return the evaluation of each claim of a run, arguments as of `Claims.evaluate`."""
-    return claims_of(run.paper.slug).evaluate(run.given(), published, **further)

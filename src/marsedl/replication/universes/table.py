@@ -19,7 +19,7 @@ from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation, judge
-from marsedl.replication.claims.writing import claims_of, evaluate
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
@@ -141,7 +141,7 @@ class Evaluator:
         """
         inputs = self.study.readings[name].inputs
         run = Run.of(self.paper, inputs, self.memory, self._unclaimed(name))
-        found = evaluate(run, self.published, **self.further)
+        found = self.claims.evaluate(run.given(), self.published, **self.further)
         self.memory.let_go()
         return found
 
