@@ -233,7 +233,7 @@ def claim_row(**values) -> dict:
     result = {"value": 1349.4, "standard_error": None, "trials": None, "verdict": "differs", "evidence": ["a sentence"]}
     row = {"paper": "powered_descent", "id": "prior_final_mass", "verdict": "differs", "reading": "corrected"}
     row |= {"where": "Sec. V", "quantity": "mass", "unit": "kg", "kind": "deterministic", "printed": 1346.0}
-    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **values}
+    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": result}, **values}
 
 
 def write_verdicts(folder, *rows, name="claims.json") -> Path:

@@ -51,7 +51,6 @@ def claim(name, printed, readings, kind="monte_carlo"):
             "trials": trials,
             "verdict": "close",
             "evidence": [],
-            "z": None,
         }
         for reading, (value, error, trials) in readings.items()
     }
