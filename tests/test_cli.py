@@ -149,9 +149,9 @@ def test_tables_fit_the_terminal(project, capsys, monkeypatch, width):
 
 def test_list_imports_nothing_heavy():
     code = (
-        "import sys; from marsedl.cli import main\n"
-        "assert not {'numpy', 'pydantic'} & sys.modules.keys(), 'numerics are pinned before'\n"
-        "main(['list']); main(['list', '--claims']); main(['explain', 'funnels'])\n"
+        "import sys; from marsedl.cli import main; main(['list'])\n"
+        "assert not {'numpy', 'pydantic'} & sys.modules.keys()\n"  # numerics are pinned before; counting needs neither
+        "main(['list', '--claims']); main(['explain', 'funnels'])\n"
         f"print('imported', [name for name in {HEAVY!r} if name in sys.modules])"
     )
     process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

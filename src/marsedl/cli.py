@@ -193,12 +193,12 @@ def _list(options) -> None:
 
     Without arguments it counts them; with a paper or a kind it names each one.
     """
-    project = Project(options.size)
-    papers = [project.paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
+    project = Project(options.size) if options.paper or options.kinds or options.size else None
     if options.paper or options.kinds:
+        papers = [project.paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
         _say(*(line for paper in papers for line in overview.listed(project, paper, options.kinds)))
         return
-    _say(*(f"{overview.heading(paper)}\n  {overview.counts(project, paper)}\n" for paper in papers))
+    _say(*(overview.there(project_root(), slug) for slug in SLUGS))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
     _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
 

@@ -6,12 +6,15 @@ A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers t
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
+from importlib import import_module
 from math import isfinite, nan
+from pathlib import Path
 
+from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.numbers import format_result
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, entry_of
+from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, Paper, entry_of
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.terminal import columns
 
@@ -30,13 +33,30 @@ def heading(paper) -> str:
     return f"{paper.slug}\n  {paper.title}\n  {paper.authors}"
 
 
-def counts(project, paper, items=None) -> str:
-    """Return how many items of each kind a paper has, such as "7 figures, 1 table", and how many claims."""
-    from marsedl.replication.report.front_page import committed_claims
+def there(root: Path, slug: str) -> str:
+    """Return how many of each kind a paper has by its files, whose content is not checked, as that takes longest."""
+    from marsedl.replication.inputs.yaml_file import read_yaml
+    from marsedl.replication.pipeline.declarations import stage_entries
 
-    numbers = {kind: len(of_kind) for kind, of_kind in (items or _items(project, paper)).items() if kind != "claims"}
+    package, sources = import_module(f"marsedl.papers.{slug}"), fingerprints_of()
+    config, printed = read_yaml(root / f"configs/{slug}.yaml"), read_yaml(root / f"data/published/{slug}.yaml")
+    texts, stages = read_yaml(Path(package.__file__).with_name(TEXTS)), stage_entries(slug, sources)
+    sources.save()  # for the next command
+    items = {
+        "readings": config["readings"],
+        "figures": texts["figures"] or (),
+        "tables": [*(texts.get("tables") or ()), "claims"],
+        "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
+        "cases": config["chunks"],
+    }
+    claims = with_committed(root, slug, [(claim["id"], claim["kind"], None) for claim in printed["claims"]])
+    return f"{heading(package.PAPER)}\n  {counts(items, claims)}\n"
+
+
+def counts(items, claims) -> str:
+    """Return how many items of each kind there are, such as "7 figures, 1 table", and how many claims."""
+    numbers = {kind: len(of_kind) for kind, of_kind in items.items() if kind != "claims"}
     others = ", ".join(f"{number} {kind if number != 1 else kind[:-1]}" for kind, number in numbers.items())
-    claims = project.verdicts(paper.slug).values() or committed_claims(project.root, paper.slug)
     return f"{others}\n  {counted(claims).in_words}"
 
 
@@ -86,8 +106,10 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
     from marsedl.replication.claims.quotes import with_numbers
     from marsedl.replication.claims.rows import summary
+    from marsedl.replication.report.front_page import committed_claims
 
     items, verdicts = _items(project, paper), project.verdicts(paper.slug)
+    claims = verdicts.values() or committed_claims(project.root, paper.slug)
     yield f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}"
     yield f"\nreadings\n{columns(items['readings'], 2)}"
     yield f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}"
@@ -95,7 +117,7 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     if choices := project.studies[paper.slug].choices:
         yield f"\nchoices: what is doubted about the paper (marsedl what-if {paper.slug} CHOICE=VALUE)"
         yield columns([(one.name, one.because, _values(one), one.asks) for one in choices], 2)
-    yield f"\nwhat there is (marsedl list {paper.slug})\n  {counts(project, paper, items)}"
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {counts(items, claims)}"
     yield "\nverdicts"
     if not verdicts:
         yield f"  none yet: run 'snakemake report/claims/{paper.slug}.json{project.options}'"

@@ -14,7 +14,6 @@ from marsedl.papers.powered_descent.records import FlightEnsemble, Nominal
 from marsedl.papers.random_field import records as random_field
 from marsedl.replication.claims.verdicts import judge
 from marsedl.replication.pipeline.injection import Arguments, Missing
-from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.fields import quantities
 from marsedl.replication.universes.table import Evaluator
 
@@ -41,7 +40,8 @@ def evaluator(slug):
 def run_of(slug, reading):
     of = evaluator(slug)
     values = of.study.readings[reading].inputs.plain() | FEW[slug]
-    return Run.of(of.paper, input_model(slug).from_plain(values), Memory(), of._unclaimed(reading)).given()
+    changed = dataclasses.replace(of.study.readings[reading], inputs=input_model(slug).from_plain(values))
+    return of._run(changed).given()
 
 
 def verdicts(slug, reading, change):

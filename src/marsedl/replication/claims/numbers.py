@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 if TYPE_CHECKING:
     from marsedl.replication.claims.claim import Claim
@@ -56,7 +55,7 @@ def format_lines(value: Any, standard_error: Any = None, resolution: Any = None)
 
 def told_apart(value: Any, limit: Any) -> tuple[str, str]:
     """Write a number and its limit, with four digits or as many as it takes to tell them apart."""
-    if isinstance(value, int | np.integer):
+    if isinstance(value, Integral):
         return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.4g}"
     for digits in range(4, 18):
         texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
