@@ -1,6 +1,5 @@
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +10,6 @@ from marsedl.replication.claims.printed import PublishedClaim, load_measured, lo
 from marsedl.replication.claims.rows import read_claims, summary, write_claims
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect, judge
 from marsedl.replication.errors import ArtifactError, InputError
-
-DATA = Path(__file__).parents[3] / "data"
-PUBLISHED = DATA / "published"
 
 
 def claim(**changes):
@@ -45,11 +41,6 @@ claims:
     kind: monte_carlo
     trials: 2000
 """
-
-
-def test_every_published_file_loads():
-    for path in sorted(PUBLISHED.glob("*.yaml")):
-        assert load_published(path)
 
 
 @pytest.mark.parametrize(
@@ -93,13 +84,7 @@ def test_the_measured_rows_of_one_paper_load(tmp_path):
     assert measured(tmp_path, BENCHMARKS, "a third") == {}
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("0.25", "fast"),
-        (",0.25,s,< 1,yes", ""),
-    ],
-)
+@pytest.mark.parametrize(("old", "new"), [("0.25", "fast"), (",0.25,s,< 1,yes", "")])
 def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
     with pytest.raises(InputError, match=r"benchmarks\.csv.*make bench"):
         measured(tmp_path, BENCHMARKS.replace(old, new, 1))
@@ -108,18 +93,9 @@ def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
 # ---------------------------------------------------------------------------------------------------- verdict rules
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (1349, "reproduced"),
-        (1349.5, "reproduced"),
-        (1348.5, "reproduced"),
-        (1349.5001, "differs"),
-        (1348.4999, "differs"),
-    ],
-)
-def test_a_deterministic_scalar_reproduces_within_the_printed_rounding(value, expected):
-    assert verdict(claim(), value) == expected
+def test_a_deterministic_scalar_reproduces_within_the_printed_rounding():
+    assert [verdict(claim(), value) for value in (1349.5, 1348.5)] == ["reproduced", "reproduced"]
+    assert [verdict(claim(), value) for value in (1349.5001, 1348.4999)] == ["differs", "differs"]
 
 
 def test_the_rounding_edge_tolerates_floating_point_noise_and_no_more():
@@ -177,12 +153,6 @@ def test_a_number_without_a_standard_error_decides_nothing():
     assert judged.doubts == (Doubt(why="so few trials give no standard error"),)
     both = printed.model_copy(update={"printed": [1349, 1349]})
     assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
-
-
-def test_without_sampling_error_the_rule_is_the_deterministic_one():
-    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
-    assert verdict(printed, 1349.5, 0.0, 10) == "reproduced"
-    assert verdict(printed, 1349.51, 0.0, 10) == "differs"
 
 
 def test_every_component_of_a_monte_carlo_vector_has_a_verdict_and_the_worst_is_named():
@@ -252,12 +222,6 @@ def test_a_statement_holds_if_the_test_decides_as_printed(printed, computed, exp
     assert verdict(statement, np.bool_(computed), evidence="factor 0.011") == expected
 
 
-def test_a_statement_needs_a_bool():
-    statement = claim(kind="qualitative", printed=True, resolution=None)
-    with pytest.raises(ArtifactError, match="true or false"):
-        verdict(statement, 1, evidence="one")
-
-
 def test_inputs_are_as_stated_only_if_used_literally():
     speed = claim(kind="input", printed=6.1, resolution=0.1)
     assert verdict(speed, 6.1 * (1 + 1e-12)) == "as_stated"
@@ -277,10 +241,6 @@ def test_undetermined_and_quoted_do_not_depend_on_values():
         assert verdict(claim(kind="context"), value) == "quoted"
 
 
-def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
-    assert verdict(claim(), None) is None
-
-
 def test_a_value_that_is_not_finite_never_reproduces():
     assert verdict(claim(), math.nan) == "differs"
     assert verdict(claim(), math.inf, close=Tolerance(reason="why", relative=1.0)) == "differs"
@@ -293,6 +253,7 @@ def test_a_value_that_is_not_finite_never_reproduces():
     [
         ({}, Evaluation([1.0]), "shape"),
         ({}, Evaluation(True), "numbers"),
+        ({"kind": "qualitative", "printed": True}, Evaluation(1), "true or false"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "standard error"),
@@ -465,11 +426,6 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
     with pytest.raises(ArtifactError, match=r"claims.json"):
         write_claims([damaged], path)
     assert path.read_bytes() == before
-    with pytest.raises(ArtifactError, match=r"none.json"):
-        read_claims(tmp_path / "none.json")
-    (tmp_path / "bad.json").write_text("{}")
-    with pytest.raises(ArtifactError, match=r"bad.json"):
-        read_claims(tmp_path / "bad.json")
 
 
 def test_inputs_and_quotations_are_never_counted():
