@@ -45,14 +45,7 @@ def flights():
 def claim(name, printed, readings, kind="monte_carlo"):
     texts = dict.fromkeys(("where", "quantity", "unit", "reason"), "-") | {"verdict": "close", "reading": "corrected"}
     rows = {
-        reading: {
-            "value": value,
-            "standard_error": error,
-            "trials": trials,
-            "verdict": "close",
-            "evidence": [],
-            "z": None,
-        }
+        reading: {"value": value, "standard_error": error, "trials": trials, "verdict": "close", "evidence": []}
         for reading, (value, error, trials) in readings.items()
     }
     lists = {"errata": [], "choices": [], "close": None, "note": "", "size": "full"}
@@ -95,28 +88,10 @@ def build(tmp_path):
     return tmp_path
 
 
-def test_claims_have_a_row_for_every_component_and_reading(build):
-    frame = results.claims(build)
-    assert [*frame] == [
-        *("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict"),
-        *("trials", "unit"),
-    ]
-    mean = frame[frame["claim"] == "mc_final_mean"].set_index(["reading", "component"])
-    assert mean["value"].to_list()[:3] == [100.0, 50.0, 100.2]
-    assert np.isnan(mean.loc["printed", "[2]"]["value"])
-    assert mean.loc[("corrected", "[2]"), "standard_error"] == 0.02
-    assert mean["printed"].to_list() == [100.1, 49.8] * 2
-    assert mean["trials"].to_list() == [2000, 2000, 500, 500]
-
-
 def test_whole_numbers_of_a_table_stay_whole_where_some_are_missing(build):
     frame = results.table("powered_descent", "certificates", reading="printed", build=build)
-    assert frame.dtypes.astype(str).to_dict() | {"status": ""} == {
-        "segment": "int64",
-        "error": "float64",
-        "iterations": "Int64",
-        "status": "",
-    }
+    types = {"segment": "int64", "error": "float64", "iterations": "Int64"}
+    assert frame.dtypes.astype(str).drop("status").to_dict() == types
     assert frame["iterations"][1] is pd.NA
     assert results.table("powered_descent", "eq54", build=build)["value"].dtype == float
     assert results.table("comparison", "densities", build=build)["cost"].to_list() == [1]
@@ -170,14 +145,8 @@ def test_verdicts_have_a_row_for_every_claim_with_its_margin_and_counterexample(
     ("call", "message"),
     [
         (lambda b: results.table("powered", "eq54", build=b), "no paper 'powered'; did you mean 'powered_descent'"),
-        (
-            lambda b: results.table("powered_descent", "eq5", build=b),
-            "no table 'eq5'; did you mean 'eq54'.*certificates, eq54",
-        ),
-        (
-            lambda b: results.table("powered_descent", "eq54", "plus_sign", b),
-            "plus_sign holds no tables; run 'snakemake fig",
-        ),
+        (lambda b: results.table("powered_descent", "eq5", build=b), "did you mean 'eq54'.*certificates, eq54"),
+        (lambda b: results.table("powered_descent", "eq54", "plus_sign", b), "plus_sign holds no tables; run 'snakem"),
         (lambda b: results.artifact("powered_descent", "gain", build=b), "no artifact 'gain'; did you mean 'gains'"),
         (lambda b: results.artifact("powered_descent", "montecarlo", build=b), "There are: .*montecarlo.closed_loop"),
         (lambda b: results.ensemble("powered_descent", "closed", build=b), "did you mean 'montecarlo.closed_loop'"),

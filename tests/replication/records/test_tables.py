@@ -205,6 +205,10 @@ def test_claims_are_a_long_table():
         ]
     )
     back = pd.read_csv(io.StringIO(csv_text(data)))
+    assert [*back] == [
+        *("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict"),
+        *("trials", "unit"),
+    ]
     numbers = dict.fromkeys(("value", "standard_error", "printed", "trials"), "float64")
     assert dict(back.dtypes.astype(str)) == {**dict.fromkeys(back.columns, "str"), **numbers}
     rows = [tuple(row) for row in back.astype(object).where(back.notna(), None).itertuples(index=False)]
