@@ -82,22 +82,9 @@ def choices_of(written):
 
 
 CHOICES = choices_of(WRITTEN)
-NUMBER = {
-    "paper": "toy",
-    "where": "Eq. 1",
-    "quantity": "a number",
-    "unit": "1",
-    "kind": "deterministic",
-    "resolution": 0.1,
-}
-STATEMENT = {
-    "paper": "toy",
-    "where": "Eq. 1",
-    "quantity": "a number",
-    "unit": "1",
-    "kind": "qualitative",
-    "printed": True,
-}
+PRINTED = {"paper": "toy", "where": "Eq. 1", "quantity": "a number", "unit": "1"}
+NUMBER = PRINTED | {"kind": "deterministic", "resolution": 0.1}
+STATEMENT = PRINTED | {"kind": "qualitative", "printed": True}
 PUBLISHED = [
     PublishedClaim(id="line", printed=0.8, headline=1, **NUMBER),  # slope cos(angle): true for slopes from 0.75 to 0.85
     PublishedClaim(id="upwards", headline=2, **STATEMENT),  # angle is zero
@@ -145,16 +132,11 @@ def judge():
 
 def test_what_is_robust_what_depends_and_what_never_holds(judge):
     stands = {one.id: judge.judged(one.id) for one in PUBLISHED}
-    assert {name: one.stands for name, one in stands.items()} == {
-        "line": "depends",
-        "upwards": "depends",
-        "is_odd": "depends",
-        "constant": "robust",
-        "flat": "depends",
-    }
+    expected = dict.fromkeys(stands, "depends") | {"constant": "robust"}
+    assert {name: one.stands for name, one in stands.items()} == expected
     assert stands["upwards"].on == ("angle",)
     assert stands["is_odd"].on == ("form",), "the misprint turns it, though no space-filling universe has it"
-    assert stands["line"].on == ("slope", "angle") or stands["line"].on == ("angle", "slope")
+    assert sorted(stands["line"].on) == ["angle", "slope"]
 
 
 def test_effects_of_each_value_by_itself(judge):
@@ -333,8 +315,7 @@ def test_a_longer_design_begins_with_the_shorter_one():
 def test_any_chunks_give_the_same_table():
     universes = [*one_at_a_time(CHOICES), *space_filling(CHOICES, 8)]
     whole, parts = table(universes), gathered([table(universes[k::3]) for k in range(3)])
-    for name in ("number", "assignment", "value", "verdict", "sentence"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
+    assert store.content_digest(whole) == store.content_digest(parts)
 
 
 @pytest.mark.parametrize(
@@ -344,10 +325,7 @@ def test_any_chunks_give_the_same_table():
         ({"slope": {**WRITTEN["slope"], "range": {**WRITTEN["slope"]["range"], "input": "toy.slop"}}}, "'toy.slope'?"),
         ({"slope": {"asks": "?", "because": "withheld"}}, "give either 'values' or 'range'"),
         ({"slope": {**WRITTEN["slope"], "because": "a guess"}}, "slope.because"),
-        (
-            {"again": {**WRITTEN["slope"]}},
-            "toy.slope is set by the choice 'slope' too",
-        ),
+        ({"again": {**WRITTEN["slope"]}}, "toy.slope is set by the choice 'slope' too"),
     ],
 )
 def test_a_choice_that_is_written_wrongly_is_rejected(change, message):
