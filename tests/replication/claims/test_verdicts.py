@@ -459,11 +459,7 @@ def test_numbers_are_written_as_a_reader_expects(arguments, expected):
 
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path):
     path = tmp_path / "claims.json"
-    for content, problem in (
-        ("", "Invalid JSON"),
-        ("{}", "Input should be a valid"),
-        ('[{"id": 1}]', "0.paper: "),
-    ):
+    for content, problem in (("", "Invalid JSON"), ("{}", "Input should be a valid"), ('[{"id": 1}]', "0.paper: ")):
         path.write_text(content, encoding="utf-8")
         with pytest.raises(ArtifactError) as caught:
             read_claims(path)

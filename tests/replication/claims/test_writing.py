@@ -304,11 +304,7 @@ def test_what_goes_without_saying_is_told_only_where_it_is_not_met():
 
 @pytest.mark.parametrize(
     ("speed", "turn", "passed", "doubt"),
-    [
-        (5.0, 5.0, True, ""),
-        (1.0, 1.0, False, ""),
-        (5.0, 1.0, False, "the paper does not say which of these is meant"),
-    ],
+    [(5.0, 5.0, True, ""), (1.0, 1.0, False, ""), (5.0, 1.0, False, "the paper does not say which of these is meant")],
 )
 def test_a_word_with_several_meanings_decides_only_where_they_agree(speed, turn, passed, doubt):
     statement = holds(whichever(measure("speed", speed) > 3, measure("turn", turn) > 3))
