@@ -7,16 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.papers import SLUGS, input_model
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies, load_study
-from marsedl.replication.inputs.sections import Inputs, Number, Positive, Section, vector
+from marsedl.replication.inputs.sections import KNOWN_SUFFIXES, Inputs, Number, Positive, Section, vector
 from marsedl.replication.inputs.sections import given as declared
+from marsedl.replication.inputs.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "configs" / "powered_descent.yaml"
 SOURCE = "assumed: test"
+MODELS = {slug: input_model(slug) for slug in SLUGS}
+MODEL = MODELS["powered_descent"]
+INPUTS = [(slug, *name.split(".")) for slug, model in MODELS.items() for name in model.names()]
 
 
 def reading_file(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
@@ -38,15 +44,15 @@ def section_of(line) -> str:
     return fields[max(names, key=len)] if names else "planet"
 
 
-def load(path):
+def load(path, slug="powered_descent"):
     """Load the studies with a user's file, as `snakemake --configfile` and `marsedl --configfile` do."""
-    return load_studies({"powered_descent": MODEL}, ROOT, config_files=[path])["powered_descent"]
+    return load_studies({slug: MODELS[slug]}, ROOT, config_files=[path])[slug]
 
 
-def refused(path, *fragments) -> str:
+def refused(path, *fragments, slug="powered_descent") -> str:
     """Load a user's file, which must be refused in one line that names the file and holds all fragments."""
     with pytest.raises(InputError) as caught:
-        load(path)
+        load(path, slug)
     message = str(caught.value)
     assert "\n" not in message
     assert len(message) < 1000
@@ -334,3 +340,67 @@ def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
     assert sources["vehicle.specific_impulse"].source == "Eq. 8"
     path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
     refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")
+
+
+# ---------------------------------------------------------------------------- what is refused: slips in every paper
+
+
+def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(tmp_path):
+    path = tmp_path / "mine.yaml"
+    reading = {"based_on": "corrected", "mission": {"velocityy": {"value": 1.0}}, "vehicl": {}, "frozen": "x"}
+    path.write_text(yaml.safe_dump({"powered_descent": {"readings": {"mine": reading}}}), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load(path)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len({*lines}) == 3 and all(line.startswith(f"{path}:") for line in lines)
+    path.write_text("noise: {value: 0,5}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 1: the comma before 5 begins another key; write .* a decimal point"):
+        read_yaml(path)
+
+
+def written(folder, slug, section, body) -> Path:
+    """Write a user's file with one reading of a paper that sets some inputs of a section."""
+    reading = {"based_on": "corrected", section: body}
+    (folder / "mine.yaml").write_text(yaml.safe_dump({slug: {"readings": {"mine": reading}}}), encoding="utf-8")
+    return folder / "mine.yaml"
+
+
+@settings(max_examples=30, deadline=None)
+@given(of=st.sampled_from(INPUTS), slip=st.sampled_from(["kind", "nan", "unit", "suffix", "misspelt", "source"]))
+def test_a_slip_is_refused(tmp_path_factory, of, slip):
+    slug, section, name = of
+    ways = {key: way for key, way in MODELS[slug].sections()[section].keys().items() if way[0] == name}
+    key = next(iter(ways))
+    entry = {"value": 1.0, "source": SOURCE}
+    if slip in ("kind", "nan"):
+        entry["value"] = {"a": 1} if slip == "kind" else [float("nan")]
+    elif slip == "unit":
+        entry["unit"] = "furlong"
+    elif slip == "suffix":
+        key = next(name + suffix for suffix in reversed(KNOWN_SUFFIXES) if name + suffix not in ways)
+    elif slip == "misspelt":
+        key = f"{key}q"
+    else:
+        entry.pop("source")
+    path = written(tmp_path_factory.mktemp("slip"), slug, section, {key: entry})
+    refused(path, f"readings.mine.{section}.{key}", slug=slug)
+
+
+@pytest.mark.parametrize(
+    ("slug", "name", "value", "problem"),
+    [
+        ("stochastic_entry", "density_grid_interval", 1e-10, "altitudes from air.lowest_tabulated_altitude"),
+        ("stochastic_entry", "partition_interval", 500.0, "is longer than mission.time_limit"),
+        ("random_field", "output_interval", 1e-25, "must not be below time_step"),
+        ("desensitized", "final_altitude", 1e8, "is not below entry_altitude: exchange them"),
+        ("desensitized", "guess_banks", [10.0] * 15, "give one less than there are banks"),
+        ("funnels", "least_velocity", 1e6, "lies above the first of final_velocity_bounds: lower it"),
+        ("funnels", "fig4_coordinates", [2, 2], "two different ones span a plane"),
+    ],
+)
+def test_inputs_that_do_not_go_together_are_refused(tmp_path, slug, name, value, problem):
+    (section,) = (section for of, section, field in INPUTS if (of, field) == (slug, name))
+    keys = MODELS[slug].sections()[section].keys()
+    key = next(key for key, way in keys.items() if way[0] == name)
+    path = written(tmp_path, slug, section, {key: {"value": value, "source": SOURCE}})
+    refused(path, "readings.mine", problem, slug=slug)
