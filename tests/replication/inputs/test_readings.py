@@ -25,10 +25,10 @@ MODEL = MODELS["powered_descent"]
 INPUTS = [(slug, *name.split(".")) for slug, model in MODELS.items() for name in model.names()]
 
 
-def reading_file(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
+def reading_file(tmp_path, *lines, name="mine") -> Path:
     """Write a user's file with one reading whose inputs are the given lines of YAML."""
     path = tmp_path / "mine.yaml"
-    text = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
+    text = ["powered_descent:", "  readings:", f"    {name}:", "      based_on: corrected"]
     for section in dict.fromkeys(section_of(line) for line in lines):
         text.append(f"      {section}:")
         text += [f"        {line}" for line in lines if section_of(line) == section]
@@ -183,10 +183,8 @@ def test_a_user_may_add_a_choice_and_a_value_of_one():
     windy = {"asks": "How strong is gravity?", "because": "withheld"}
     moon = {"planet": {"gravity": {"value": 1.62, "source": "assumed: another planet"}}}
     mine = {"gravity": {**windy, "values": {"mars": {}, "moon": moon}}}
-    thrust = {
-        "noise": {"source": "assumed: mine", "thrust_unit": {"value": 7.0}, "coefficient_unit": {"value": "other"}}
-    }
-    mine["noise_unit"] = {"asks": "?", "because": "withheld", "values": {"mine": thrust}}
+    thrust = {"source": "assumed: mine", "thrust_unit": {"value": 7.0}, "coefficient_unit": {"value": "other"}}
+    mine["noise_unit"] = {"asks": "?", "because": "withheld", "values": {"mine": {"noise": thrust}}}
     study = load_study("powered_descent", MODEL, ROOT, choices=mine)
     assert {"newton", "mine"} <= set(study.choices.by_name["noise_unit"].alternatives)
     assert study.choices.by_name["noise_unit"].asks != "?"

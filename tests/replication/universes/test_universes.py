@@ -47,28 +47,19 @@ def sources(**values):
 
 
 BASE = sources(slope=0.5, angle=0.0, form="plain")
+SLOPE = {"input": "toy.slope", "between": [0.0, 1.0], "source": "assumed: any"}
+
+
+def sets(name, value, source):
+    return {"toy": {name: {"value": value, "source": source}}}
+
+
+ANGLES = {"printed": sets("angle_deg", 180.0, "Eq. 1"), "corrected": sets("angle_deg", 0.0, "Eq. 2")}
+FORMS = {"plain": sets("form", "plain", "Eq. 3"), "odd": sets("form", "odd", "assumed: a misprint")}
 WRITTEN = {
-    "slope": {
-        "asks": "Which slope?",
-        "because": "withheld",
-        "range": {"input": "toy.slope", "between": [0.0, 1.0], "source": "assumed: any"},
-    },
-    "angle": {
-        "asks": "Which angle?",
-        "because": "E1",
-        "values": {
-            "printed": {"toy": {"angle_deg": {"value": 180.0, "source": "Eq. 1"}}},
-            "corrected": {"toy": {"angle_deg": {"value": 0.0, "source": "Eq. 2"}}},
-        },
-    },
-    "form": {
-        "asks": "Which form?",
-        "because": "misprint",
-        "values": {
-            "plain": {"toy": {"form": {"value": "plain", "source": "Eq. 3"}}},
-            "odd": {"toy": {"form": {"value": "odd", "source": "assumed: a misprint"}}},
-        },
-    },
+    "slope": {"asks": "Which slope?", "because": "withheld", "range": SLOPE},
+    "angle": {"asks": "Which angle?", "because": "E1", "values": ANGLES},
+    "form": {"asks": "Which form?", "because": "misprint", "values": FORMS},
 }
 
 
@@ -322,10 +313,10 @@ def test_any_chunks_give_the_same_table():
     ("change", "message"),
     [
         ({"angle": {**WRITTEN["angle"], "only_if": {"forms": ["odd"]}}}, "did you mean 'form'?"),
-        ({"slope": {**WRITTEN["slope"], "range": {**WRITTEN["slope"]["range"], "input": "toy.slop"}}}, "'toy.slope'?"),
+        ({"slope": {**WRITTEN["slope"], "range": {**SLOPE, "input": "toy.slop"}}}, "'toy.slope'?"),
         ({"slope": {"asks": "?", "because": "withheld"}}, "give either 'values' or 'range'"),
         ({"slope": {**WRITTEN["slope"], "because": "a guess"}}, "slope.because"),
-        ({"again": {**WRITTEN["slope"]}}, "toy.slope is set by the choice 'slope' too"),
+        ({"again": WRITTEN["slope"]}, "toy.slope is set by the choice 'slope' too"),
     ],
 )
 def test_a_choice_that_is_written_wrongly_is_rejected(change, message):
