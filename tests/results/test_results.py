@@ -10,6 +10,8 @@ import pytest
 
 from marsedl import results
 from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
+from marsedl.replication.claims.claim import Claim, Result
+from marsedl.replication.claims.rows import write_claims
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.records import fields, store
 
@@ -43,14 +45,12 @@ def flights():
 
 
 def claim(name, printed, readings, kind="monte_carlo"):
-    texts = dict.fromkeys(("where", "quantity", "unit", "reason"), "-") | {"verdict": "close", "reading": "corrected"}
-    rows = {
-        reading: {"value": value, "standard_error": error, "trials": trials, "verdict": "close", "evidence": []}
+    results = {
+        reading: Result(value=value, standard_error=error, trials=trials, verdict="close")
         for reading, (value, error, trials) in readings.items()
     }
-    lists = {"errata": [], "choices": [], "close": None, "note": "", "size": "full"}
-    row = {"paper": "powered_descent", "id": name, "kind": kind, "printed": printed, "resolution": None, "trials": None}
-    return row | texts | lists | {"readings": rows}
+    judged = {"verdict": "close", "reading": "corrected", "size": "full", "unit": "-"}
+    return Claim(paper="powered_descent", id=name, kind=kind, printed=printed, readings=results, **judged)
 
 
 CLAIMS = [
@@ -83,8 +83,7 @@ def build(tmp_path):
     (tmp_path / "figures" / "powered_descent" / "eq54.csv").write_text("value\n1.0\n2\n")
     (tmp_path / "figures" / "comparison").mkdir()
     (tmp_path / "figures" / "comparison" / "densities.csv").write_text("paper,cost\na,1\n")
-    (tmp_path / "report").mkdir()
-    (tmp_path / "report" / "claims.json").write_text(json.dumps(CLAIMS))
+    write_claims(CLAIMS, tmp_path / "report" / "claims.json")
     return tmp_path
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from marsedl.replication.claims.printed import PublishedClaim, load_published
+from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.stated import stated_value
 from marsedl.replication.claims.verdicts import judge
 from marsedl.replication.errors import InputError
@@ -68,18 +68,3 @@ def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
 def test_what_does_not_fit_is_refused_by_name(name, printed, unit, message):
     with pytest.raises(InputError, match=f"data/published/toy.yaml: claim entry: key 'input': .*{message}"):
         stated_value(claim_of(name, printed, unit), VALUES, ToyInputs)
-
-
-def test_only_a_stated_input_may_name_one(tmp_path):
-    text = (
-        "claims:\n  - {id: a, where: Sec. 1, quantity: q, printed: 1, unit: m, kind: KIND, input: mission.altitude}\n"
-    )
-    path = tmp_path / "toy.yaml"
-    path.write_text(text.replace("KIND", "input"))
-    assert load_published(path)[0].input == "mission.altitude"
-    path.write_text(text.replace("KIND", "context"))
-    with pytest.raises(InputError, match=r"claims\.a\.input: only a claim of kind 'input'"):
-        load_published(path)
-    path.write_text(text.replace("KIND", "input").replace("mission.altitude", "altitude"))
-    with pytest.raises(InputError, match=r"claims\.a\.input: must be an input 'section\.name'"):
-        load_published(path)

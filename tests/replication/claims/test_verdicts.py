@@ -53,12 +53,15 @@ claims:
         ("resolution: 1", "resolution: 0", ["claims.mass.resolution", "positive"]),
         ("printed: 1349", "printed: many", ["claims.mass.printed", "many"]),
         ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 0.03 or 1.0e+5"]),
+        ("kind: monte_carlo", "kind: context\n    input: a.b", ["claims.mass.input: only a claim of kind 'input'"]),
+        ("kind: monte_carlo", "kind: input\n    input: b", ["claims.mass.input: must be an input 'section.name'"]),
         ("id: mass", "id: a mass", [":3: claims.a mass.id"]),
         ("claims:", "claims: [", ["paper.yaml"]),
     ],
 )
 def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, words):
     assert load(tmp_path, ENTRY)
+    assert load(tmp_path, ENTRY.replace("monte_carlo", "input\n    input: a.b"))[0].input == "a.b"
     with pytest.raises(InputError) as error:
         load(tmp_path, ENTRY.replace(old, new, 1))
     for word in ["paper.yaml", *words]:

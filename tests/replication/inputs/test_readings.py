@@ -25,23 +25,16 @@ MODEL = MODELS["powered_descent"]
 INPUTS = [(slug, *name.split(".")) for slug, model in MODELS.items() for name in model.names()]
 
 
-def reading_file(tmp_path, *lines, name="mine") -> Path:
-    """Write a user's file with one reading whose inputs are the given lines of YAML."""
-    path = tmp_path / "mine.yaml"
-    text = ["powered_descent:", "  readings:", f"    {name}:", "      based_on: corrected"]
-    for section in dict.fromkeys(section_of(line) for line in lines):
-        text.append(f"      {section}:")
-        text += [f"        {line}" for line in lines if section_of(line) == section]
-    path.write_text("\n".join(text) + "\n", encoding="utf-8")
-    return path
+def entry(value) -> dict:
+    """An input as it is written."""
+    return {"value": value, "source": SOURCE}
 
 
-def section_of(line) -> str:
-    """The section in which a line sets an input, of whatever suffix; the first for what is no input."""
-    key = line.partition(":")[0]
-    fields = {name: section for section, of in MODEL.sections().items() for name in of.model_fields}
-    names = [name for name in fields if key == name or key.startswith(f"{name}_")]
-    return fields[max(names, key=len)] if names else "planet"
+def written(folder, sections, slug="powered_descent", name="mine") -> Path:
+    """Write a user's file with one reading of a paper that sets some inputs, by section."""
+    document = {slug: {"readings": {name: {"based_on": "corrected", **sections}}}}
+    (folder / "mine.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return folder / "mine.yaml"
 
 
 def load(path, slug="powered_descent"):
@@ -78,8 +71,7 @@ def project(tmp_path, old="", new="", count=1):
 
 
 def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
-    line = f"noise_coefficient: {{value: 0.03, source: '{SOURCE}'}}"
-    study = load(reading_file(tmp_path, line))
+    study = load(written(tmp_path, {"noise": {"noise_coefficient": entry(0.03)}}))
     mine, base = study.readings["mine"], study.readings["corrected"]
     assert mine.inputs.noise.noise_coefficient == 0.03
     assert mine.inputs.plain() | {"noise.noise_coefficient": 0.02} == base.inputs.plain()
@@ -88,12 +80,8 @@ def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
 
 
 def test_suffixes_convert_to_si(tmp_path):
-    path = reading_file(
-        tmp_path,
-        f"initial_velocity_angle_deg: {{value: 90, source: '{SOURCE}'}}",
-        f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
-        f"initial_position_km: {{value: [0.25, 0.5], source: '{SOURCE}'}}",
-    )
+    values = {"initial_velocity_angle_deg": 90, "initial_speed_km_s": 0.05, "initial_position_km": [0.25, 0.5]}
+    path = written(tmp_path, {"entry": {key: entry(value) for key, value in values.items()}})
     read = load(path).readings["mine"].inputs
     assert read.entry.initial_velocity_angle == pytest.approx(math.pi / 2, rel=1e-15)
     assert read.entry.initial_speed == pytest.approx(50.0, rel=1e-15)
@@ -140,14 +128,11 @@ def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
 
 
 def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
-    whole = "[[5.0, 0.5, 0, 0], [0.5, 0.25, 0, 0], [0, 0, 0.25, 0.1], [0, 0, 0.1, 0.25]]"
-    path = reading_file(
-        tmp_path,
-        f"final_covariance: {{value: {whole}, source: '{SOURCE}'}}",
-        f"initial_covariance: {{value: [4, 3, 2, 1], source: '{SOURCE}'}}",
-    )
+    whole = [[5.0, 0.5, 0.0, 0.0], [0.5, 0.25, 0.0, 0.0], [0.0, 0.0, 0.25, 0.1], [0.0, 0.0, 0.1, 0.25]]
+    diagonal = {"initial_covariance": entry([4, 3, 2, 1])}
+    path = written(tmp_path, {"mission": {"final_covariance": entry(whole)}, "entry": diagonal})
     read = load(path).readings["mine"].inputs
-    np.testing.assert_array_equal(read.mission.final_covariance, yaml.safe_load(whole))
+    np.testing.assert_array_equal(read.mission.final_covariance, whole)
     np.testing.assert_array_equal(read.entry.initial_covariance, np.diag([4.0, 3, 2, 1]))
 
 
@@ -205,29 +190,29 @@ def test_slices_hold_what_is_asked_in_the_order_of_names():
 @pytest.mark.parametrize(
     ("key", "value", "fragments"),
     [
-        ("gravty", "3.7", ["gravty: unknown key", "did you mean 'gravity'?"]),
-        ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
-        ("segment_durations", "[26.0]", ["2 items"]),
-        ("gravity", ".nan", ["finite"]),
-        ("gravity", "1e3", ["number", "as in 0.03 or 1.0e+5"]),
-        ("trials", "2000.0", ["integer"]),
-        ("large_trials", "-1", ["greater than or equal to 0"]),
-        ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
-        ("design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
-        ("wet_mass", "1.0e+308", ["1e+308 is neither 0 nor between 1e-30 and 1e+30", "check the number and its unit"]),
-        ("drawn_trials", "1000000000", ["drawn_trials", "at most 10000: a figure shows no more"]),
-        ("integrator", "rk5", ["rk4", "euler_maruyama"]),
-        ("final_covariance", "[5.0, -0.25, 0.25, 0.25]", ["not positive definite", "-0.25"]),
-        ("final_covariance", "[[1, 0.1, 0, 0], [0.2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+        ("planet.gravty", "3.7", ["gravty: unknown key", "did you mean 'gravity'?"]),
+        ("vehicle.wet_mass", "-1500.0", ["greater than 0", "-1500"]),
+        ("mission.segment_durations", "[26.0]", ["2 items"]),
+        ("planet.gravity", ".nan", ["finite"]),
+        ("planet.gravity", "1e3", ["number", "as in 0.03 or 1.0e+5"]),
+        ("ensemble.trials", "2000.0", ["integer"]),
+        ("ensemble.large_trials", "-1", ["greater than or equal to 0"]),
+        ("simulation.time_step", "1.0e-12", ["time_step", "steps in a segment"]),
+        ("design.design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
+        ("vehicle.wet_mass", "1.0e+308", ["1e+308 is neither 0 nor between 1e-30 and 1e+30: check the number"]),
+        ("ensemble.drawn_trials", "1000000000", ["drawn_trials", "at most 10000: a figure shows no more"]),
+        ("simulation.integrator", "rk5", ["rk4", "euler_maruyama"]),
+        ("mission.final_covariance", "[5.0, -0.25, 0.25, 0.25]", ["not positive definite", "-0.25"]),
+        ("mission.final_covariance", "[[1, 0.1, 0, 0], [0.2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
          ["not symmetric", "entry (1, 2) is 0.1", "entry (2, 1) is 0.2"]),
-        ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
-        ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
-        ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
+        ("mission.final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
+        ("entry.initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
+        ("entry.initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
-    message = refused(reading_file(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
-    assert "readings.mine" in message and section_of(key) in message
+    section, name = key.split(".")
+    refused(written(tmp_path, {section: {name: entry(yaml.safe_load(value))}}), "readings.mine", section, *fragments)
 
 
 @pytest.mark.parametrize(
@@ -238,13 +223,19 @@ def test_malformed_values_are_refused(tmp_path, key, value, fragments):
         ("gravity: {value: 3.7, sorce: Eq. 1}", ["sorce: unknown key", "did you mean 'source'?"]),
         ("gravity: {value: 3.7, source: 'assumed: '}", ["planet.gravity.source", "the reason"]),
         ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
-        ("initial_speed: {value: 50.0, source: Eq. 1}\n        initial_speed_km_s: {value: 0.05, source: Eq. 1}",
-         ["'initial_speed' is set twice", "initial_speed_km_s"]),
         ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
     ],
 )  # fmt: skip
 def test_malformed_entries_are_refused(tmp_path, line, fragments):
-    refused(reading_file(tmp_path, line), *fragments)
+    path = tmp_path / "mine.yaml"
+    head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      planet:\n        "
+    path.write_text(f"{head}{line}\n", encoding="utf-8")
+    refused(path, *fragments)
+
+
+def test_one_input_under_two_keys_is_refused(tmp_path):
+    path = written(tmp_path, {"entry": {"initial_speed": entry(50.0), "initial_speed_km_s": entry(0.05)}})
+    refused(path, "'initial_speed' is set twice", "initial_speed_km_s")
 
 
 # ----------------------------------------------------------------------------------------- what is refused: readings
@@ -301,8 +292,8 @@ def test_names_that_pandas_reads_as_missing_are_refused(tmp_path):
     names = [name for name in STR_NA_VALUES if re.fullmatch("[a-z][a-z0-9_]*", name)]
     assert {"nan", "null"} <= set(names)
     for name in names:
-        path = reading_file(tmp_path, name=f'"{name}"')
-        refused(path, str(path), f"readings.{name}: pandas reads the name '{name}' in a table as no value; rename it")
+        path = written(tmp_path, {}, name=name)
+        refused(path, f"readings.{name}: pandas reads the name '{name}' in a table as no value; rename it")
 
 
 # -------------------------------------------------------------------------------------- what is refused: the project's
@@ -329,14 +320,12 @@ def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragment
 
 
 def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
-    lines = "source: Eq. 9", "wet_mass: {value: 3.0}", "specific_impulse: {value: 4.0, source: Eq. 8}"
-    path = tmp_path / "mine.yaml"
-    head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      vehicle:\n"
-    path.write_text(head + "".join(f"        {line}\n" for line in lines), encoding="utf-8")
+    vehicle = {"source": "Eq. 9", "wet_mass": {"value": 3.0}, "specific_impulse": {"value": 4.0, "source": "Eq. 8"}}
+    path = written(tmp_path, {"vehicle": vehicle})
     sources = load(path).readings["mine"].sources
     assert sources["vehicle.wet_mass"].source == "Eq. 9"
     assert sources["vehicle.specific_impulse"].source == "Eq. 8"
-    path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
+    path = written(tmp_path, {"vehicle": {"wet_mass": {"value": 3.0}}})
     refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")
 
 
@@ -344,9 +333,7 @@ def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
 
 
 def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(tmp_path):
-    path = tmp_path / "mine.yaml"
-    reading = {"based_on": "corrected", "mission": {"velocityy": {"value": 1.0}}, "vehicl": {}, "frozen": "x"}
-    path.write_text(yaml.safe_dump({"powered_descent": {"readings": {"mine": reading}}}), encoding="utf-8")
+    path = written(tmp_path, {"mission": {"velocityy": {"value": 1.0}}, "vehicl": {}, "frozen": "x"})
     with pytest.raises(InputError) as caught:
         load(path)
     lines = str(caught.value).splitlines()
@@ -356,31 +343,24 @@ def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(t
         read_yaml(path)
 
 
-def written(folder, slug, section, body) -> Path:
-    """Write a user's file with one reading of a paper that sets some inputs of a section."""
-    reading = {"based_on": "corrected", section: body}
-    (folder / "mine.yaml").write_text(yaml.safe_dump({slug: {"readings": {"mine": reading}}}), encoding="utf-8")
-    return folder / "mine.yaml"
-
-
 @settings(max_examples=30, deadline=None)
 @given(of=st.sampled_from(INPUTS), slip=st.sampled_from(["kind", "nan", "unit", "suffix", "misspelt", "source"]))
 def test_a_slip_is_refused(tmp_path_factory, of, slip):
     slug, section, name = of
     ways = {key: way for key, way in MODELS[slug].sections()[section].keys().items() if way[0] == name}
     key = next(iter(ways))
-    entry = {"value": 1.0, "source": SOURCE}
+    body = entry(1.0)
     if slip in ("kind", "nan"):
-        entry["value"] = {"a": 1} if slip == "kind" else [float("nan")]
+        body["value"] = {"a": 1} if slip == "kind" else [float("nan")]
     elif slip == "unit":
-        entry["unit"] = "furlong"
+        body["unit"] = "furlong"
     elif slip == "suffix":
         key = next(name + suffix for suffix in reversed(KNOWN_SUFFIXES) if name + suffix not in ways)
     elif slip == "misspelt":
         key = f"{key}q"
     else:
-        entry.pop("source")
-    path = written(tmp_path_factory.mktemp("slip"), slug, section, {key: entry})
+        body.pop("source")
+    path = written(tmp_path_factory.mktemp("slip"), {section: {key: body}}, slug)
     refused(path, f"readings.mine.{section}.{key}", slug=slug)
 
 
@@ -400,5 +380,5 @@ def test_inputs_that_do_not_go_together_are_refused(tmp_path, slug, name, value,
     (section,) = (section for of, section, field in INPUTS if (of, field) == (slug, name))
     keys = MODELS[slug].sections()[section].keys()
     key = next(key for key, way in keys.items() if way[0] == name)
-    path = written(tmp_path, slug, section, {key: {"value": value, "source": SOURCE}})
+    path = written(tmp_path, {section: {key: entry(value)}}, slug)
     refused(path, "readings.mine", problem, slug=slug)
