@@ -16,10 +16,6 @@ COMPARISONS = comparisons()
 EVERY = [(stem, slug) for stem, comparison in COMPARISONS.items() for slug in comparison.papers]
 
 
-def function(stem, slug):
-    return getattr(import_module(f"marsedl.comparison.{stem}"), slug)
-
-
 def artifact_type(slug, need):
     """What the stage that writes an artifact returns."""
     module, name = catalogue(slug).stages[need.split(".")[0]].entries[-1].split(":")
@@ -36,7 +32,8 @@ def test_every_comparison_is_of_the_same_papers_which_are_told_apart():
 
 @pytest.mark.parametrize(("stem", "slug"), EVERY)
 def test_artifacts_have_the_types_that_their_stages_return(stem, slug):
-    parameters, hints = COMPARISONS[stem].takes[slug], typing.get_type_hints(function(stem, slug))
+    function = getattr(import_module(f"marsedl.comparison.{stem}"), slug)
+    parameters, hints = COMPARISONS[stem].takes[slug], typing.get_type_hints(function)
     assert parameters.needs, "nothing is said of a paper without its artifacts"
     for need in parameters.needs + parameters.optional:
         kind, hint = artifact_type(slug, need), hints[need.split(".")[-1]]

@@ -379,15 +379,6 @@ def test_damaged_references_are_refused_with_a_remedy(project, capsys, command):
     assert captured.err.endswith(f"; restore it with 'git checkout data/reference/{SLUG}.json'\n")
 
 
-# ---------------------------------------------------------------------------------------------------------- two builds
-
-
-def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
-    copied = twice.copy_tree(project, tmp_path / "copy")
-    names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
-    assert names == {"Snakefile", f"data/reference/{SLUG}.json"}
-
-
 @pytest.mark.parametrize(
     ("found", "shown"),
     [
@@ -402,7 +393,13 @@ def test_a_counterexample_that_is_lost_new_or_another_one_is_a_change(project, c
     assert {tuple(row[-2:]) for row in rows} == shown
 
 
-# ------------------------------------------------------------------------------------------------ building a part again
+# ---------------------------------------------------------------------------------------------------------- two builds
+
+
+def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
+    copied = twice.copy_tree(project, tmp_path / "copy")
+    names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
+    assert names == {"Snakefile", f"data/reference/{SLUG}.json"}
 
 
 @pytest.mark.parametrize(("contents", "equal"), [(("1", "1"), True), (("1", "2"), False)])

@@ -24,8 +24,7 @@ from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 ROOT = Path(__file__).parents[3]
 
 
-PARTS = {"measure": "it", "limit": 1.0, "unit": "", "distance": 0.75, "scale": "limits", "standard_error": 0.0}
-MARGIN = Margin(value=0.25, **PARTS)
+MARGIN = Margin(value=0.25, measure="it", limit=1.0, unit="", distance=0.75, scale="limits", standard_error=0.0)
 
 
 def result(value, standard_error=None):

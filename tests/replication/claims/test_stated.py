@@ -1,5 +1,6 @@
 """Stated inputs: printed values that are inputs, in the unit in which they are printed."""
 
+import numpy as np
 import pytest
 
 from marsedl.replication.claims.printed import PublishedClaim
@@ -49,9 +50,7 @@ def claim_of(name, printed, unit):
 def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
     claim = claim_of(name, printed, unit)
     assert judge(claim, stated_value(claim, VALUES, ToyInputs)).verdict == "as_stated"
-    evaluations = {
-        key: 1.01 * value if isinstance(value, float) else [1.01 * v for v in value] for key, value in VALUES.items()
-    }
+    evaluations = {key: (1.01 * np.array(value)).tolist() for key, value in VALUES.items()}
     assert judge(claim, stated_value(claim, evaluations, ToyInputs)).verdict == "not_as_stated"
 
 

@@ -447,9 +447,6 @@ def test_numbers_are_written_as_a_reader_expects(arguments, expected):
     assert format_number(*arguments) == expected
 
 
-# -------------------------------------------------------------------------------------------------------- damaged files
-
-
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path):
     path = tmp_path / "claims.json"
     for content, problem in (("", "Invalid JSON"), ("{}", "Input should be a valid"), ('[{"id": 1}]', "0.paper: ")):
