@@ -17,6 +17,7 @@ from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import UNEXPLAINED
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.files import write_json
 from marsedl.replication.records import fields, store
 from marsedl.replication.sizes import build_folder
 
@@ -68,10 +69,8 @@ def project(tmp_path, monkeypatch):
 
 def counterexample(root, verdict, name="final_mass"):
     """Store the verdict that a claim has after its counterexample, or none if nothing turns it."""
-    path = root / "report" / "counterexamples" / f"{SLUG}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
     turned = verdict and {"change": "scaled", "of": "nominal.mass", "amount": 1.5, "to": verdict}
-    path.write_text(json.dumps({name: turned}), encoding="utf-8")
+    write_json({name: turned}, root / "report" / "counterexamples" / f"{SLUG}.json")
 
 
 def stored(root, scale=1.0, iterations=100):
@@ -79,19 +78,16 @@ def stored(root, scale=1.0, iterations=100):
     store.save(root / ARTIFACT, thing, paper=SLUG, reading="corrected", provenance={})
 
 
-def claim(root, value, reason="E10", verdict="differs", printed=None, names=("final_mass",), error=None):
-    path = root / "report" / "claims" / f"{SLUG}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    results = {"corrected": (value, verdict), "printed": (None, printed)}
+def claim(root, value, reason="E10", verdict="differs", in_printed=None, names=("final_mass",), error=None, **more):
+    results = {"corrected": (value, verdict), "printed": (None, in_printed)}
     readings = {
         reading: {"value": value, "standard_error": error, "verdict": verdict, "evidence": []}
         for reading, (value, verdict) in results.items()
     }
     row = {"where": "x", "quantity": "x", "printed": 1346, "unit": "kg", "kind": "deterministic", "resolution": 1}
     row |= {"trials": None, "paper": SLUG, "verdict": verdict or "fails", "reading": "corrected", "reason": reason}
-    row["readings"] = readings
-    rows = [{**row, "id": name} for name in names]
-    path.write_text(json.dumps(rows), encoding="utf-8")
+    row |= {"readings": readings, **more}
+    write_json([{**row, "id": name} for name in names], root / "report" / "claims" / f"{SLUG}.json")
 
 
 def reference_of(root) -> dict:
@@ -167,7 +163,7 @@ def test_rounding_is_tolerated_and_more_is_not(project, capsys):
 def test_a_changed_verdict_fails_and_stands_first(project, capsys):
     """Though its number is within tolerance: that of a statement is true or false."""
     stored(project, scale=1.1)
-    claim(project, 1349.4, verdict="close", printed="fails")
+    claim(project, 1349.4, verdict="close", in_printed="fails")
     output = verified(capsys, 1)
     assert "2 verdicts changed, 1 number beyond tolerance" in output
     header, first, second, third = output.splitlines()[1:5]
@@ -196,9 +192,7 @@ def test_claims_that_are_new_or_gone_fail(project, capsys):
 )
 def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now):
     """Though no verdict and no number moves."""
-    path = project / "report" / "claims" / f"{SLUG}.json"
-    (row,) = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps([{**row, **change}]), encoding="utf-8")
+    claim(project, 1349.4, **change)
     output = verified(capsys, 1)
     assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in output
     assert "1 printed claim not as accepted" in output
@@ -272,7 +266,7 @@ def test_the_log_and_the_summary_begin_with_what_was_changed(project, capsys, mo
 def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project):
     with pytest.raises(InputError, match="accepted at size full; you compare smoke"):
         reference.check_size(project, [SLUG, "not_accepted"], None, "smoke")
-    claim(project, 1349.4, printed="differs")
+    claim(project, 1349.4, in_printed="differs")
     reference.accept_reference(project, project, owned(), {SLUG: MADE})
     claim(project, 1349.4)
     with pytest.raises(InputError, match=r"has printed, not built here; give the --configfile"):
@@ -280,13 +274,13 @@ def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project
 
 
 def test_a_reading_of_ones_own_without_reference_is_a_note(project, capsys):
-    claim(project, 1349.4, printed="fails")
+    claim(project, 1349.4, in_printed="fails")
     shared = owned()
     shared[SLUG].study.own_readings = frozenset({"printed"})
     assert reference.compare_reference(project, project, shared, {SLUG: MADE})
     assert "note: reading printed has no reference yet" in capsys.readouterr().out
     reference.accept_reference(project, project, shared, {SLUG: MADE})
-    claim(project, 1349.4, printed="holds")
+    claim(project, 1349.4, in_printed="holds")
     assert not reference.compare_reference(project, project, shared, {SLUG: MADE})
 
 
@@ -347,7 +341,7 @@ def test_a_verdict_that_turns_gets_a_row_on_the_page_of_verdicts(project, capsys
     assert str(page) not in capsys.readouterr().out
     own = project, project, owned(), {SLUG: MADE}, project / "own"
     reference.accept_reference(*own)
-    claim(project, 1349.4, verdict="close", printed="fails", names=("final_mass", "fuel"))
+    claim(project, 1349.4, verdict="close", in_printed="fails", names=("final_mass", "fuel"))
     reference.accept_reference(*own)
     assert page.read_text(encoding="utf-8").endswith(table + below)
     assert cli.main(["accept"]) == 0

@@ -58,12 +58,12 @@ TRIALS = "    ensemble: {trials: 200, large_trials: 3000, drawn_trials: 20}\n"
 SMOKE = "  smoke:\n    readings: [printed, "
 
 
-def project(tmp_path, old="", new="", count=1):
+def project(tmp_path, old, new):
     """A project with one edit in the paper's configuration."""
     text = CONFIG.read_text(encoding="utf-8")
-    assert not old or text.count(old) == count
+    assert text.count(old) == 1
     (tmp_path / "configs").mkdir()
-    (tmp_path / "configs" / "powered_descent.yaml").write_text(text.replace(old, new) if old else text, "utf-8")
+    (tmp_path / "configs" / "powered_descent.yaml").write_text(text.replace(old, new), encoding="utf-8")
     return tmp_path
 
 
@@ -103,12 +103,11 @@ class Turning(Inputs):
 
 
 def turning(tmp_path, **changes):
-    """A reading of these inputs, each as it is written in YAML."""
-    bounds = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": "[180.0, -90]"}
-    bounds |= {"final_rate_deg_s": "null"} | changes
-    lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in bounds.items()]
+    """A reading of these inputs."""
+    bounds = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": [180.0, -90], "final_rate_deg_s": None}
+    turn = {key: entry(value) for key, value in (bounds | changes).items()}
     (tmp_path / "configs").mkdir(exist_ok=True)
-    text = "\n".join(["readings:", "  mine:", "    summary: A test.", "    turn:", *lines, "chunks: {}"])
+    text = yaml.safe_dump({"readings": {"mine": {"summary": "A test.", "turn": turn}}, "chunks": {}})
     (tmp_path / "configs" / "turning.yaml").write_text(text, encoding="utf-8")
     return load_study("turning", Turning, tmp_path).readings["mine"]
 
@@ -118,7 +117,7 @@ def test_angular_accelerations_are_written_in_degrees(tmp_path):
     assert read.acceleration_bound == pytest.approx(math.pi / 36, rel=1e-15)
     assert read.acceleration_bounds == pytest.approx((math.pi, -math.pi / 2), rel=1e-15)
     with pytest.raises(InputError, match=r"turn\.acceleration_bound_deg_s2: .*number.*None"):
-        turning(tmp_path, acceleration_bound_deg_s2="null")
+        turning(tmp_path, acceleration_bound_deg_s2=None)
 
 
 def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
@@ -347,8 +346,8 @@ def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(t
 @given(of=st.sampled_from(INPUTS), slip=st.sampled_from(["kind", "nan", "unit", "suffix", "misspelt", "source"]))
 def test_a_slip_is_refused(tmp_path_factory, of, slip):
     slug, section, name = of
-    ways = {key: way for key, way in MODELS[slug].sections()[section].keys().items() if way[0] == name}
-    key = next(iter(ways))
+    ways = [key for key, way in MODELS[slug].sections()[section].keys().items() if way.name == name]
+    key = ways[0]
     body = entry(1.0)
     if slip in ("kind", "nan"):
         body["value"] = {"a": 1} if slip == "kind" else [float("nan")]
@@ -379,6 +378,6 @@ def test_a_slip_is_refused(tmp_path_factory, of, slip):
 def test_inputs_that_do_not_go_together_are_refused(tmp_path, slug, name, value, problem):
     (section,) = (section for of, section, field in INPUTS if (of, field) == (slug, name))
     keys = MODELS[slug].sections()[section].keys()
-    key = next(key for key, way in keys.items() if way[0] == name)
+    key = next(key for key, way in keys.items() if way.name == name)
     path = written(tmp_path, {section: {key: entry(value)}}, slug)
     refused(path, "readings.mine", problem, slug=slug)

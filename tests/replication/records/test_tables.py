@@ -182,12 +182,8 @@ def test_fields_that_cannot_be_a_column_are_refused(fields, says):
 
 
 def claim(name, printed, unit, /, **readings):
-    results = {
-        reading: Result(
-            **dict(zip(("value", "standard_error", "verdict", "trials", "components"), result, strict=False))
-        )
-        for reading, result in readings.items()
-    }
+    names = ("value", "standard_error", "verdict", "trials", "components")
+    results = {reading: Result(**dict(zip(names, result, strict=False))) for reading, result in readings.items()}
     judged = {"kind": "deterministic", "verdict": "differs", "reading": "corrected"}
     return Claim(paper="p", id=name, printed=printed, unit=unit, readings=results, **judged)
 

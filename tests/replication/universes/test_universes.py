@@ -295,7 +295,9 @@ def test_the_papers_own_sampling_error_counts_by_our_trials():
     assert deviation == pytest.approx(math.hypot(0.01 * math.sqrt(1 + 3000 / 1000), 0.05 / 3)), "3,000 of ours"
 
 
-def test_a_longer_design_begins_with_the_shorter_one():
+def test_corrected_comes_first_and_a_longer_design_begins_with_the_shorter_one():
+    single = one_at_a_time(CHOICES)
+    assert single[0] == Universe(0, "one_at_a_time", {}) and [one.number for one in single] == [0, 1, 2, 3, 4]
     short, long = space_filling(CHOICES, 16), space_filling(CHOICES, 64)
     assert long[:16] == short
     slopes = [one.assignment.get("slope", 0.5) for one in long]
@@ -334,8 +336,3 @@ def test_an_assignment_names_known_choices_and_values():
         CHOICES.applied(BASE, {"slope": 1.5})
     assert CHOICES.by_name["angle"].printed == "printed" and CHOICES.by_name["angle"].corrected == "corrected"
     assert CHOICES.applied(BASE, {"angle": "printed"})["toy.angle"].value == pytest.approx(math.pi)
-
-
-def test_a_universe_is_numbered_and_corrected_comes_first():
-    universes = one_at_a_time(CHOICES)
-    assert universes[0] == Universe(0, "one_at_a_time", {}) and [one.number for one in universes] == [0, 1, 2, 3, 4]
