@@ -146,9 +146,8 @@ def test_the_numbers_of_an_accepted_build_are_kept_for_texts_that_have_no_build(
     assert path.read_text(encoding="utf-8").count(":.0f") == 1
     assert with_numbers(paper, committed(tmp_path, "toy")).figures["fig01"].caption == "1349 kg, 50.25 m"
     later = replace(paper, figures={"fig01": Product("{mass:.1f} kg")})
-    with pytest.raises(
-        InputError, match=r"^toy: figures\.fig01\.caption: .*has no \{mass:\.1f\}; run 'marsedl accept'"
-    ):
+    missing = r"^toy: figures\.fig01\.caption: .*has no \{mass:\.1f\}; run 'marsedl accept'"
+    with pytest.raises(InputError, match=missing):
         with_numbers(later, committed(tmp_path, "toy"))
     assert fill("No numbers.", committed(tmp_path, "another")) == "No numbers."
 

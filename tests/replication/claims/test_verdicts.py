@@ -17,6 +17,9 @@ def claim(**changes):
     return PublishedClaim(**named, printed=1349, unit="kg", resolution=1).model_copy(update=changes)
 
 
+CLOSE = Tolerance(reason="the step size is not stated", relative=0.01)
+
+
 def verdict(claim, value, *rest, close=None, **options):
     return judge(claim, Evaluation(value, *rest, **options), Declaration(close=close)).verdict
 
@@ -193,12 +196,11 @@ def test_a_statement_in_doubt_is_undetermined():
 
 
 def test_close_is_a_tolerance_stated_beforehand():
-    one_percent = Tolerance(reason="the step size is not stated", relative=0.01)
     printed = claim(printed=-200.0, resolution=0.1)
-    assert verdict(printed, -200.04, close=one_percent) == "reproduced"
-    assert verdict(printed, -201.999, close=one_percent) == "close"
-    assert verdict(printed, -198.001, close=one_percent) == "close"
-    assert verdict(printed, -202.001, close=one_percent) == "differs"
+    assert verdict(printed, -200.04, close=CLOSE) == "reproduced"
+    assert verdict(printed, -201.999, close=CLOSE) == "close"
+    assert verdict(printed, -198.001, close=CLOSE) == "close"
+    assert verdict(printed, -202.001, close=CLOSE) == "differs"
     assert verdict(printed, -200.5, close=Tolerance(reason="why", absolute=0.5)) == "close"
     assert verdict(printed, -200.501, close=Tolerance(reason="why", absolute=0.5)) == "differs"
     vector = claim(printed=[1.0, 0.0], resolution=0.01)
@@ -206,7 +208,7 @@ def test_close_is_a_tolerance_stated_beforehand():
     assert verdict(vector, [1.1, 0.21], close=Tolerance(reason="why", absolute=[0.1, 0.2])) == "differs"
     assert verdict(vector, [1.001, 0.02], close=Tolerance(reason="a zero leaves no room", relative=0.5)) == "differs"
     noisy = claim(kind="monte_carlo", trials=100, resolution=1.0)
-    assert verdict(noisy, 1360.0, 0.1, 100, close=one_percent) == "close"
+    assert verdict(noisy, 1360.0, 0.1, 100, close=CLOSE) == "close"
     with pytest.raises(ArtifactError, match="tolerance"):
         verdict(vector, [2.0, 2.0], close=Tolerance(reason="why", absolute=[0.1]))
 
@@ -368,10 +370,7 @@ def test_a_reason_has_dashes_for_numbers_that_a_smaller_size_does_not_build():
         (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
         (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
         (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["there is no erratum 'E99'"]),
-        (
-            lambda r, d: d.update(converges=Declaration(close=Tolerance(reason="why", relative=0.1))),
-            ["claim converges", "no tolerance"],
-        ),
+        (lambda r, d: d.update(converges=Declaration(close=CLOSE)), ["claim converges", "no tolerance"]),
     ],
 )
 def test_mistakes_of_a_paper_are_named(change, words):

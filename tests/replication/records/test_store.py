@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
@@ -93,6 +92,12 @@ def put(path, artifact, paper="powered_descent", reading="corrected", made=PROVE
     return path
 
 
+def elsewhere(program) -> int:
+    """Run a program with the names of this module in another process; returns its exit status."""
+    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from test_store import *"
+    return subprocess.run([sys.executable, "-c", f"{head}\n{program}"], check=False).returncode
+
+
 def leftovers(folder):
     return [path.name for path in folder.iterdir() if path.name.endswith(".partial")]
 
@@ -149,14 +154,8 @@ def test_equal_content_gives_equal_bytes(tmp_path):
     first = put(tmp_path / "a/one.h5", everything(4000)).read_bytes()
     time.sleep(1.1)  # object times in HDF5 count in seconds
     reordered = dict(reversed(PROVENANCE.items()))
-    program = f"""
-        import sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_store import *
-        put(Path({str(tmp_path / "b/two.h5")!r}), everything(4000))
-        put(Path({str(tmp_path / "b/named.h5")!r}), named())
-    """
-    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
+    program = f"put(Path({str(tmp_path / 'b/two.h5')!r}), everything(4000))"
+    assert elsewhere(f"{program}; put(Path({str(tmp_path / 'b/named.h5')!r}), named())") == 0
     assert (tmp_path / "b/named.h5").read_bytes() == put(tmp_path / "named.h5", named()).read_bytes()
     assert put(tmp_path / "three.h5", everything(4000), made=reordered).read_bytes() == first
     assert (tmp_path / "b/two.h5").read_bytes() == first
@@ -280,15 +279,8 @@ def test_a_failed_write_names_the_file_and_leaves_the_old_one(tmp_path, monkeypa
 def test_a_kill_in_mid_write_does_no_harm(tmp_path):
     path = put(tmp_path / "a.h5", small())
     before = path.read_bytes()
-    program = f"""
-        import signal, sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_store import *
-        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        put(Path({str(path)!r}), replace(small(), label="new"))
-    """
-    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert process.returncode == -signal.SIGKILL
+    killed = "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)"
+    assert elsewhere(f"{killed}; put(Path({str(path)!r}), replace(small(), label='new'))") == -signal.SIGKILL
     assert path.read_bytes() == before
     assert len(leftovers(tmp_path)) == 1
     put(path, replace(small(), label="new"))

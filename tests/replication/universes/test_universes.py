@@ -240,19 +240,21 @@ def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
     verdicts = small.verdict.copy()
     verdicts[1, 3] = 0
     assert changed(large, replace(small, verdict=verdicts)) == {1001: "has another verdict on constant"}
-    for path, one, world in (
-        (tmp_path / "report/universes/toy.h5", small, "a"),
-        (tmp_path / "report/universes/waves/toy.h5", large, "a"),
-        (tmp_path / "report/universes/waves/old.h5", large, "b"),
-        (tmp_path / "report/universes/old.h5", small, "a"),
+    folder = tmp_path / "report/universes"
+    for name, one, world in (
+        ("toy", small, "a"),
+        ("waves/toy", large, "a"),
+        ("waves/old", large, "b"),
+        ("old", small, "a"),
     ):
+        path = folder / f"{name}.h5"
         store.save(path, one, paper=path.stem, reading="universes", provenance={"world": world})
     root = tmp_path / "root"
     assert accept_universes(root, tmp_path, ["toy", "old", "none"]) == [root / "data/reference/universes/toy.h5"]
     assert compare_universes(root, tmp_path, ["toy", "none"])
     assert "4 universes compared with 16 committed, 0 differ" in capsys.readouterr().out
     moved = replace(small, value=small.value + other)
-    store.save(tmp_path / "report/universes/toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
+    store.save(folder / "toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
     assert not compare_universes(root, tmp_path, ["toy"])
 
 
