@@ -364,20 +364,17 @@ def test_a_slip_is_refused(tmp_path_factory, of, slip):
 
 
 @pytest.mark.parametrize(
-    ("slug", "name", "value", "problem"),
+    ("slug", "key", "value", "problem"),
     [
-        ("stochastic_entry", "density_grid_interval", 1e-10, "altitudes from air.lowest_tabulated_altitude"),
-        ("stochastic_entry", "partition_interval", 500.0, "is longer than mission.time_limit"),
-        ("random_field", "output_interval", 1e-25, "must not be below time_step"),
-        ("desensitized", "final_altitude", 1e8, "is not below entry_altitude: exchange them"),
-        ("desensitized", "guess_banks", [10.0] * 15, "give one less than there are banks"),
-        ("funnels", "least_velocity", 1e6, "lies above the first of final_velocity_bounds: lower it"),
-        ("funnels", "fig4_coordinates", [2, 2], "two different ones span a plane"),
+        ("stochastic_entry", "air.density_grid_interval", 1e-10, "altitudes from air.lowest_tabulated_altitude"),
+        ("stochastic_entry", "design.partition_interval", 500.0, "is longer than mission.time_limit"),
+        ("random_field", "simulation.output_interval", 1e-25, "must not be below time_step"),
+        ("desensitized", "mission.final_altitude", 1e8, "is not below entry_altitude: exchange them"),
+        ("desensitized", "solver.guess_banks_deg", [10.0] * 15, "give one less than there are banks"),
+        ("funnels", "mission.least_velocity", 1e6, "lies above the first of final_velocity_bounds: lower it"),
+        ("funnels", "studies.fig4_coordinates", [2, 2], "two different ones span a plane"),
     ],
 )
-def test_inputs_that_do_not_go_together_are_refused(tmp_path, slug, name, value, problem):
-    (section,) = (section for of, section, field in INPUTS if (of, field) == (slug, name))
-    keys = MODELS[slug].sections()[section].keys()
-    key = next(key for key, way in keys.items() if way.name == name)
-    path = written(tmp_path, {section: {key: entry(value)}}, slug)
-    refused(path, "readings.mine", problem, slug=slug)
+def test_inputs_that_do_not_go_together_are_refused(tmp_path, slug, key, value, problem):
+    section, name = key.split(".")
+    refused(written(tmp_path, {section: {name: entry(value)}}, slug), "readings.mine", problem, slug=slug)
