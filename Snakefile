@@ -50,7 +50,7 @@ rule all:
     input:
         "report/index.html",
         "report/claims.json",
-        lambda wildcards: RECIPES.job("report/digests.json").needs,
+        lambda wildcards: RECIPES.job("report/index.html").needs,
 
 
 rule comparison:
@@ -70,7 +70,7 @@ for _paper in PAPERS:
 # After all rules, whose names a user may ask for. Another workflow that uses this one as a module has words of its own.
 try:
     if IS_MAIN:
-        targets.check_targets(targets.words_of(sys.argv), [rule.name for rule in workflow.rules], RECIPES)
+        check_targets(sys.argv, [rule.name for rule in workflow.rules], RECIPES)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 # What the jobs are planned from is kept for them and for the next plan: now, and with what is read while planning.

@@ -16,6 +16,7 @@ from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.checks.reference import compare, fingerprints, format_changes
 from marsedl.replication.checks.twice import copy_tree, snakemake
 from marsedl.replication.claims.committed import VERDICTS
+from marsedl.replication.claims.rows import read_claims
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "data" / "reference" / "machines.csv"
@@ -65,7 +66,8 @@ def compared(pinned, other, slug):
     entries = []
     for made in (folder / "build" / "smoke" for folder in (pinned, other)):
         paths = sorted(made.glob(f"data/cache/{slug}/*/*.h5"))
-        entries.append(fingerprints(made, slug, {f"{path.parent.name}/{path.stem}": path for path in paths}))
+        rows = read_claims(made / f"report/claims/{slug}.json")
+        entries.append(fingerprints(rows, {f"{path.parent.name}/{path.stem}": path for path in paths}))
     comparison = compare(*entries, catalogue(slug).noise)
     if comparison.changes:
         print(format_changes(comparison), flush=True)

@@ -21,6 +21,7 @@ import fcntl
 import hashlib
 import json
 import re
+import runpy
 import shutil
 import signal
 import subprocess
@@ -44,6 +45,7 @@ settings.load_profile("repeatable")
 
 GLIDE, HOP = "hypersonic_glide", "short_hop"  # of the small project: with Monte Carlo and without
 BUILD = Path(__file__).parent / "workflow" / "build.py"
+with_kernels = runpy.run_path(str(BUILD))["with_kernels"]
 OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
 
@@ -54,28 +56,18 @@ def paper_of(name: str) -> str:
     return next((slug for part in parts for slug in papers if re.match(rf"{slug}([_.]|$)", part)), "")
 
 
-def reading_text(slug: str, name: str, **values: str) -> str:
-    """A reading of a user's own, based on `corrected`, as YAML; names of inputs without that of the section."""
-    of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
-    sections: dict[str, dict] = {}
-    for key, value in values.items():
-        sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
-    return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
-
-
 @pytest.fixture(scope="session")
 def own_reading():
-    """The function `reading_text`."""
-    return reading_text
+    """A function that writes a user's own reading, based on `corrected`, as YAML; inputs without their section."""
 
+    def text(slug: str, name: str, **values: str) -> str:
+        of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
+        sections: dict[str, dict] = {}
+        for key, value in values.items():
+            sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
+        return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
 
-def with_kernels(folder: Path) -> Path:
-    """Let jobs in a copy of the project load the kernels that are compiled already; returns the folder."""
-    (folder / ".cache").mkdir()
-    for name in ("numba", "matplotlib"):
-        (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
-        (folder / ".cache" / name).symlink_to(ROOT / ".cache" / name)
-    return folder
+    return text
 
 
 @dataclass
@@ -97,10 +89,6 @@ class Plan:
         """Artifacts as "reading/name", without those of chunks, which are temporary."""
         cached = [path.removesuffix(".h5").split("/", 3)[3] for path in self.files if path.startswith("data/cache/")]
         return {name for name in cached if "/chunks/" not in name}
-
-    @property
-    def readings(self) -> set[str]:
-        return {name.split("/")[0] for name in self.artifacts}
 
 
 @dataclass
@@ -344,12 +332,6 @@ def copied(session_copy) -> Tree:
 def tree(copied) -> Tree:
     """The same."""
     return copied
-
-
-@pytest.fixture
-def project(tmp_path) -> Tree:
-    """A copy of the project in which nothing is built."""
-    return Tree(with_kernels(copy_tree(ROOT, tmp_path / "project")))
 
 
 # -------------------------------------------------------------------------------------------------- the small project

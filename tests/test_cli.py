@@ -42,6 +42,16 @@ def bare_project(tmp_path, monkeypatch):
     return tmp_path
 
 
+def said(capsys, *arguments) -> str:
+    """Run a command that must succeed; returns what it says."""
+    assert cli.main(list(arguments)) == 0
+    return capsys.readouterr().out
+
+
+def explained(capsys, *arguments) -> str:
+    return said(capsys, "explain", *arguments)
+
+
 def refused(capsys, *arguments) -> str:
     """Run a command that must be refused in one line; returns that line."""
     assert cli.main(list(arguments)) == 2
@@ -52,12 +62,44 @@ def refused(capsys, *arguments) -> str:
     return captured.err
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("list --size smok", "no such size; did you mean 'smoke'?"),
+        ("list funels", "did you mean 'funnels'?"),
+        ("explain powerd_descent fig07", "no paper 'powerd_descent'; did you mean 'powered_descent'?"),
+        ("explain powered_descent fig7", "no figure, table, stage or claim 'fig7'; did you mean 'fig07'?"),
+        ("explain powered_descent fig07 --reading corected", "no reading 'corected'; did you mean 'corrected'?"),
+        ("explain powered_descent fig07 --configfile /none.yaml", "/none.yaml: cannot be read"),
+        ("trial powered_descent corrected 12 --case closed_lop", "'closed_lop'; did you mean 'closed_loop'?"),
+        ("trial powered_descent printed 12 --case closed_loop_large", "printed has no case 'closed_loop_large'"),
+        ("trial powered_descent corrected 2000", "trial 2000: case closed_loop has the trials 0 to 1999"),
+        ("trial powered_descent corrected -1", "trial -1: case closed_loop has the trials 0 to 1999"),
+        ("trial powered_descent corected 1", "no reading 'corected'"),
+        (
+            "trial powered_descent corrected 1",
+            "is not built yet; run 'snakemake data/cache/powered_descent/corrected/nominal.h5'",
+        ),
+    ],
+)
+def test_what_there_is_not_is_refused_with_the_nearest(bare_project, capsys, words, message):
+    assert message in refused(capsys, *words.split())
+
+
+def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
+    assert "'funnels' is the name of a paper, rule or module already" in refused(capsys, "new-paper", "funnels")
+
+
+def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert "is not inside a marsedl project" in refused(capsys, "explain", "powered_descent", "fig07")
+
+
 # --------------------------------------------------------------------------------------------------------------- list
 
 
 def test_list_counts_what_every_paper_has(project, capsys):
-    assert cli.main(["list"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list")
     for slug in SLUGS:
         paper = catalogue(slug)
         assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in output
@@ -68,8 +110,7 @@ def test_list_counts_what_every_paper_has(project, capsys):
 
 @pytest.mark.parametrize("slug", ["powered_descent", "stochastic_entry"])
 def test_list_shows_all_of_a_paper(project, capsys, slug):
-    assert cli.main(["list", slug]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", slug)
     paper, inputs = catalogue(slug), input_model(slug)
     names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.stages, *inputs.CASES]
     for name in [*names, *(claim.id for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"))]:
@@ -77,35 +118,28 @@ def test_list_shows_all_of_a_paper(project, capsys, slug):
 
 
 def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
-    assert cli.main(["list", "stochastic_entry", "--figures"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "stochastic_entry", "--figures")
     assert output.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
     assert "\n    zf " not in output, "a table"
-    assert cli.main(["list", "stochastic_entry", "--tables"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "stochastic_entry", "--tables")
     assert "\n    zf " in output
     assert "  Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
-    assert cli.main(["list", "--cases"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "--cases")
     assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", output)
     assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", output)
 
 
 def test_list_shows_the_trials_of_a_size(project, capsys):
-    assert cli.main(["list", "powered_descent", "--cases", "--size", "smoke"]) == 0
-    output = capsys.readouterr().out
+    output = said(capsys, "list", "powered_descent", "--cases", "--size", "smoke")
     assert re.search(r"\n    closed_loop +200 trials", output)
     assert "add --config size=smoke)" in output
-    assert "no such size; did you mean 'smoke'?" in refused(capsys, "list", "--size", "smok")
-    assert "did you mean 'funnels'?" in refused(capsys, "list", "funels")
 
 
 @pytest.mark.parametrize("width", [80, 100])
 def test_tables_fit_the_terminal(project, capsys, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     for arguments in (["list", "powered_descent"], ["list", "--claims"], ["explain", "powered_descent", "fig07"]):
-        assert cli.main(arguments) == 0
-        lines = capsys.readouterr().out.splitlines()
+        lines = said(capsys, *arguments).splitlines()
         rows = [line for line in lines if re.match(r" {4}\S+  +\S| {2}[a-z]+_[a-z_]+  +\S", line)]
         assert len(rows) > 20
         assert max(map(len, rows)) <= width
@@ -129,16 +163,10 @@ def test_a_closed_pipe_is_no_error():
     process = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert process.stdout == "powered_descent\n"  # of a pipe, whose reader has gone before the second line
     assert process.returncode == 0
-    assert "Traceback" not in process.stderr
-    assert "BrokenPipe" not in process.stderr
+    assert process.stderr == ""
 
 
 # ------------------------------------------------------------------------------------------------------------ explain
-
-
-def explained(capsys, *arguments) -> str:
-    assert cli.main(["explain", *arguments]) == 0
-    return capsys.readouterr().out
 
 
 def test_explain_a_figure(project, capsys):
@@ -161,28 +189,17 @@ def test_explain_shows_what_a_size_limits(project, capsys):
     assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in output
 
 
-def test_explain_a_paper(project, capsys):
-    slug = "powered_descent"
-    output = explained(capsys, slug)
-    paper, study = catalogue(slug), cli.Project().studies[slug]
-    assert output.startswith(f"{slug}: {paper.title}\n  {paper.authors}\n  snakemake {slug}\n\nreadings\n")
-    for name, reading in study.readings.items():
-        assert f"\n  {name} " in output
-        if name != "corrected" and reading.inputs != study.readings["corrected"].inputs:
-            assert re.search(rf"\n  \w+\.\w+  .*\b{name} ", output.split("\ninputs in which readings differ")[1])
-    assert f"{len(paper.figures)} figures" in output
-
-
 def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(bare_project, capsys):
-    output = explained(capsys, "powered_descent")
-    row = r"\n  mission\.final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]"
-    assert re.search(row, output)
+    output, paper = explained(capsys, "powered_descent"), catalogue("powered_descent")
+    assert output.startswith(f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}\n\nreadings\n")
+    assert all(f"\n  {name} " in output for name in cli.Project().studies[paper.slug].readings)
+    assert f"{len(paper.figures)} figures" in output
+    assert re.search(r"\n  mission\.final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]", output)
     assert "printed [5.0" not in output, "it has the same target"
     assert "specific_impulse" not in output, "no reading changes it"
     assert "none yet: run 'snakemake report/claims/powered_descent.json'" in output
-    assert "none yet: run 'snakemake report/claims/powered_descent.json --config size=smoke'" in explained(
-        capsys, "powered_descent", "--size", "smoke"
-    )
+    remedy = "none yet: run 'snakemake report/claims/powered_descent.json --config size=smoke'"
+    assert remedy in explained(capsys, "powered_descent", "--size", "smoke")
 
 
 def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_project, capsys):
@@ -195,12 +212,9 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
 
 def test_explain_reads_the_claims_of_a_paper_that_was_built_alone(bare_project, capsys):
     """Also those that are newer than the claims of all papers."""
-    own = bare_project / "report" / "claims" / "powered_descent.json"
-    own.parent.mkdir(parents=True)
-    own.write_text(json.dumps([claim_row(id="a", verdict="close")]), encoding="utf-8")
+    own = write_verdicts(bare_project, claim_row(id="a", verdict="close"), name="claims/powered_descent.json")
     assert "\n  counted: 1 close\n" in explained(capsys, "powered_descent")
-    whole = bare_project / "report" / "claims.json"
-    whole.write_text(json.dumps([claim_row(id="a")]), encoding="utf-8")
+    whole = write_verdicts(bare_project, claim_row(id="a"))
     for seconds, verdict in ((-10, "close"), (10, "differs")):
         os.utime(whole, (own.stat().st_mtime + seconds,) * 2)
         assert f"\n  counted: 1 {verdict}\n" in explained(capsys, "powered_descent")
@@ -221,9 +235,11 @@ def claim_row(**values) -> dict:
     return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **values}
 
 
-def write_verdicts(folder, *rows):
-    (folder / "report").mkdir(parents=True)
-    (folder / "report" / "claims.json").write_text(json.dumps(rows), encoding="utf-8")
+def write_verdicts(folder, *rows, name="claims.json") -> Path:
+    path = folder / "report" / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(rows), encoding="utf-8")
+    return path
 
 
 def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
@@ -251,44 +267,21 @@ def test_explain_a_claim_says_what_is_printed(bare_project, capsys, arguments, p
 
 @pytest.mark.parametrize("content", ["", "{}"])
 def test_explain_refuses_damaged_verdicts_with_a_remedy(bare_project, capsys, content):
-    write_verdicts(bare_project)
-    (bare_project / "report" / "claims.json").write_text(content, encoding="utf-8")
-    assert cli.main(["explain", "powered_descent"]) == 2
-    message = capsys.readouterr().err
-    assert message.startswith(f"marsedl: {bare_project / 'report' / 'claims.json'}: ")
+    path = write_verdicts(bare_project)
+    path.write_text(content, encoding="utf-8")
+    message = refused(capsys, "explain", "powered_descent")
+    assert message.startswith(f"marsedl: {path}: ")
     assert message.endswith("; delete the file and run 'snakemake claims'\n")
-    assert message.count("\n") == 1
 
 
-def test_explain_an_own_reading(project, tmp_path, capsys):
+def test_explain_an_own_reading(project, own_reading, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
-    entry = "gravity: {value: 3.9, source: 'assumed: mine'}"
-    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, planet: {{{entry}}}}}}}}}\n")
+    path.write_text(own_reading("powered_descent", "mine", gravity="3.9"), encoding="utf-8")
     output = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
     assert "3.9" in output
-    assert "assumed: mine" in output
+    assert "assumed: test" in output
     explanation = explained(capsys, "powered_descent", "fig07", "--reading", "mine", "--configfile", str(path))
     assert f"\n  snakemake figures/powered_descent/mine/fig07.png --configfile {path}\n" in explanation
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fragments"),
-    [
-        (["powerd_descent", "fig07"], ["no paper 'powerd_descent'", "did you mean 'powered_descent'?"]),
-        (["powered_descent", "fig7"], ["no figure, table, stage or claim 'fig7'", "did you mean 'fig07'?"]),
-        (["powered_descent", "fig07", "--reading", "corected"], ["no reading 'corected'", "'corrected'?"]),
-        (["powered_descent", "fig07", "--configfile", "/none.yaml"], ["/none.yaml: cannot be read"]),
-    ],
-)
-def test_explain_refuses_unknown_names(project, capsys, arguments, fragments):
-    output = refused(capsys, "explain", *arguments)
-    for fragment in fragments:
-        assert fragment in output
-
-
-def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert "is not inside a marsedl project" in refused(capsys, "explain", "powered_descent", "fig07")
 
 
 def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, capsys):
@@ -309,8 +302,7 @@ def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, cap
 def test_diff_of_equal_and_different_tables(tmp_path, capsys):
     for name, value in (("a", "1.0"), ("b", "1.0"), ("c", "1.5")):
         (tmp_path / f"{name}.csv").write_text(f"quantity,value\nmass,{value}\n", encoding="utf-8")
-    assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]) == 0
-    assert capsys.readouterr().out == "no difference\n"
+    assert said(capsys, "diff", str(tmp_path / "a.csv"), str(tmp_path / "b.csv")) == "no difference\n"
     assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "c.csv")]) == 1
     output = capsys.readouterr().out
     assert "value" in output
@@ -318,40 +310,12 @@ def test_diff_of_equal_and_different_tables(tmp_path, capsys):
     assert "the file does not exist" in refused(capsys, "diff", str(tmp_path / "a.csv"), str(tmp_path / "none.csv"))
 
 
-# ---------------------------------------------------------------------------------------------------------- new paper
-
-
-def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
-    output = refused(capsys, "new-paper", "funnels")
-    assert "'funnels' is the name of a paper, rule or module already" in output
-
-
 # -------------------------------------------------------------------------------------------------------------- trial
 
 
-@pytest.mark.parametrize(
-    ("arguments", "fragments"),
-    [
-        (["corrected", "12", "--case", "closed_lop"], ["no case 'closed_lop'", "did you mean 'closed_loop'?"]),
-        (["printed", "12", "--case", "closed_loop_large"], ["reading printed has no case 'closed_loop_large'"]),
-        (["corrected", "2000"], ["trial 2000", "0 to 1999"]),
-        (["corrected", "-1"], ["trial -1", "0 to 1999"]),
-        (["corected", "1"], ["no reading 'corected'"]),
-        (["corrected", "1"], ["is not built yet; run 'snakemake data/cache/powered_descent/corrected/nominal.h5'"]),
-    ],
-)  # fmt: skip
-def test_trial_refuses_what_there_is_not(bare_project, capsys, arguments, fragments):
-    output = refused(capsys, "trial", "powered_descent", *arguments)
-    for fragment in fragments:
-        assert fragment in output
-
-
-def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys):
+def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, own_reading, capsys):
     path = bare_project / "my own.yaml"
-    own_input = "planet: {gravity: {value: 3.9, source: 'assumed: test'}}"
-    path.write_text(
-        f"powered_descent: {{readings: {{mine: {{based_on: corrected, {own_input}}}}}}}\n", encoding="utf-8"
-    )
+    path.write_text(own_reading("powered_descent", "mine", gravity="3.9"), encoding="utf-8")
     arguments = ("powered_descent", "mine", "12", "--size", "smoke", "--configfile", str(path))
     message = refused(capsys, "trial", *arguments)
     target = "data/cache/powered_descent/mine/nominal.h5"
@@ -389,43 +353,23 @@ def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, argum
     assert trials == [(case, 7)]
 
 
-# --------------------------------------------------------------------------------------------------- the command line
-
-
-def test_a_request_that_is_none_is_refused(capsys):
-    for arguments in ([], ["lst"], ["trial", "powered_descent", "corrected", "twelve"]):
-        with pytest.raises(SystemExit) as caught:
-            cli.main(arguments)
-        assert caught.value.code == 2
-    assert "invalid int value: 'twelve'" in capsys.readouterr().err
-
-
 # ------------------------------------------------------------------------------------------------ in the built project
 
 
 @pytest.mark.workflow
-def test_a_trial_of_the_built_tree_is_the_same_to_the_last_bit(tree):
-    process = tree.marsedl("trial", "powered_descent", "corrected", "12", "--size", "smoke")
+@pytest.mark.parametrize(
+    ("words", "laws", "said"),
+    [
+        ("powered_descent corrected 12", 1, "trial 12 of closed_loop: completed"),
+        ("powered_descent printed 12 --case open_loop", 1, "trial 12 of open_loop: "),
+        ("random_field corrected 150", 4, "trial 150, law of iteration 3: captured"),
+    ],
+)
+def test_a_trial_of_the_built_tree_is_the_same_to_the_last_bit_under_each_law(tree, words, laws, said):
+    process = tree.marsedl("trial", *words.split(), "--size", "smoke")
     assert process.returncode == 0, process.stderr
-    assert "trial 12 of closed_loop: completed" in process.stdout
-    assert "the same to the last bit as in the stored ensemble" in process.stdout
-    process = tree.marsedl("trial", "powered_descent", "printed", "12", "--case", "open_loop", "--size", "smoke")
-    assert "the same to the last bit as in the stored ensemble" in process.stdout, process.stderr
-
-
-@pytest.mark.workflow
-def test_a_trial_under_several_laws_is_the_same_under_each(tree):
-    process = tree.marsedl("trial", "random_field", "corrected", "150", "--size", "smoke")
-    assert process.returncode == 0, process.stderr
-    assert process.stdout.count("the same to the last bit as in the stored ensemble") == 4
-    assert "trial 150, law of iteration 3: captured" in process.stdout
-
-
-@pytest.mark.workflow
-def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
-    process = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
-    assert "verdict: " in process.stdout, process.stderr
-    assert os.linesep + "    printed " in process.stdout
+    assert said in process.stdout
+    assert process.stdout.count("the same to the last bit as in the stored ensemble") == laws
 
 
 @pytest.mark.parametrize(

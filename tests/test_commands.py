@@ -44,11 +44,8 @@ ELSEWHERE = [
     *("podman *", "h5dump *", "scancel *", "scontrol *", "*tests/slurm/cluster.py *", "marsedl verify*"),
     "marsedl compare *",  # tests/replication/checks/test_compare.py
     *("marsedl accept*", "marsedl readme", "snakemake --report *", "snakemake --unlock*", "snakemake --profile *"),
-    *(
-        "snakemake * --configfile own/mine.yaml *",
-        "snakemake *--workflow-profile profiles/slurm*",
-        "*hypersonic_glide*",
-    ),
+    *("snakemake * --configfile own/mine.yaml *", "snakemake *--workflow-profile profiles/slurm*"),
+    "*hypersonic_glide*",
 ]
 # What needs a build, or a process of its own, is given in a smoke build.
 OF_A_BUILD = ("marsedl trial *", "marsedl what-if *", "marsedl universe *", "python -c *", "marsedl diff build/*")

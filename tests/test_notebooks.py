@@ -6,13 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from marsedl import results
 from marsedl.replication.claims.rows import read_claims, summary
 
 NOTEBOOKS = Path(__file__).parents[1] / "docs" / "notebooks"
-ALL = sorted({path.stem for path in NOTEBOOKS.glob("*.md")} - {"index"})
 
 
 @pytest.fixture
@@ -31,13 +29,6 @@ def run(monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     yield run_cells
     plt.close("all")
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_the_text_is_a_notebook_without_outputs(name):
-    _, head, text = (NOTEBOOKS / f"{name}.md").read_text(encoding="utf-8").split("---\n", 2)
-    assert yaml.safe_load(head)["file_format"] == "mystnb"
-    assert text.count("```{code-cell}\n") * 2 == text.count("```")
 
 
 @pytest.mark.workflow

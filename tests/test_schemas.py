@@ -177,19 +177,9 @@ def test_the_claims_of_every_kind_are_valid(rows):
     assert faults("claims.json", rows) == []
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"verdict": "wrong"},
-        {"printed": {"a": 1}},
-        {"trials": 0},
-        {"resolution": -1},
-        {"readings": {"corrected": {"value": 1}}},
-        {"colour": "red"},
-    ],
-    ids=lambda change: next(iter(change)),
-)
-def test_a_mistake_in_a_claim_is_refused(rows, change):
-    assert faults("claims.json", [rows[0] | change])
-    missing = {key: value for key, value in rows[0].items() if key not in change}
-    assert bool(faults("claims.json", [missing])) == (len(missing) < len(rows[0]))
+def test_a_mistake_in_a_claim_is_refused(rows):
+    wrong = {"verdict": "wrong", "printed": {"a": 1}, "trials": 0, "resolution": -1, "colour": "red"}
+    for key, value in {**wrong, "readings": {"corrected": {"value": 1}}}.items():
+        assert faults("claims.json", [rows[0] | {key: value}]), key
+    for key in rows[0]:
+        assert faults("claims.json", [{name: value for name, value in rows[0].items() if name != key}]), key

@@ -28,24 +28,14 @@ NOT_OURS = {
 }
 
 
-def texts_of(slug):
-    """The texts of a paper that the report shows, as they are written, by where they stand."""
-    document = yaml.safe_load((ROOT / "src/marsedl/papers" / slug / "texts.yaml").read_text(encoding="utf-8"))
-    texts = {}
-
-    def visit(value, place):
-        if isinstance(value, dict):
-            for key, entry in value.items():
-                if key != "picture":
-                    visit(entry, (*place, str(key)))
-        elif isinstance(value, list):
-            for number, entry in enumerate(value):
-                visit(entry, (*place, str(number)))
-        elif isinstance(value, str):
-            texts[".".join(place)] = value
-
-    visit(document, ("texts",))
-    return texts
+def texts_of(value, place="texts"):
+    """The texts among the words of a paper that the report shows, as they are written, with where they stand."""
+    if isinstance(value, str):
+        yield place, value
+    elif isinstance(value, dict | list):
+        for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
+            if key != "picture":
+                yield from texts_of(entry, f"{place}.{key}")
 
 
 def undefined(text, defined):
@@ -103,7 +93,8 @@ def test_no_word_stands_before_its_definition():
 @pytest.mark.parametrize("slug", SLUGS)
 def test_texts_type_no_number_of_ours(slug):
     # What is printed may be told with its numbers; so may a plain form, which says what the paper claims.
-    ours = {place: text for place, text in texts_of(slug).items() if not re.search(r"\.(printed|shows)$", place)}
+    document = yaml.safe_load((ROOT / "src/marsedl/papers" / slug / "texts.yaml").read_text(encoding="utf-8"))
+    ours = {place: text for place, text in texts_of(document) if not re.search(r"\.(printed|shows)$", place)}
     typed = {place: numbers for place, text in ours.items() if (numbers := typed_numbers(text, facts_of(slug)))}
     assert typed == {}
 

@@ -172,14 +172,14 @@ def moved(rows, *, as_json: bool = False) -> Iterator[str]:
 
 def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
-    from marsedl.replication.checks.compare import numbers_of
+    from marsedl.replication.checks.compare import in_digits
     from marsedl.replication.inputs.choices import in_words
 
     before, after, changed, rows, alone = difference
     if as_json:
         claims = [{**asdict(row), "standard_errors": row.sigmas} for row in rows]
         claims = [{k: v if not isinstance(v, float) or isfinite(v) else None for k, v in c.items()} for c in claims]
-        inputs = [one._asdict() for one in changed]
+        inputs = [{"name": name, "before": old, "after": new} for name, (old, new) in changed.items()]
         yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
         return
 
@@ -188,13 +188,13 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
     def lines(rows):
         for row in rows:
             claim, apart = printed[row.claim], f"{row.sigmas:.1f} standard errors" if row.error > 0.0 else ""
-            first, second = numbers_of(row, claim)
+            first, second = in_digits(row, claim)
             verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
             numbers = f"{first} -> {second}" if first != second else ""
             yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"
 
     yield f"inputs that differ, {before.name} -> {after.name}:"
-    yield columns([(one.name, f"{one.before} -> {one.after}") for one in changed] or [("none",)], 2)
+    yield columns([(name, " -> ".join(pair)) for name, pair in changed.items()] or [("none",)], 2)
     turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
     shown = [row for row in rest if row.counts]
     for title, those in {

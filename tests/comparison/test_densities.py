@@ -31,7 +31,7 @@ ARTIFACTS = {
 def values():
     """All inputs of the corrected readings, "section.name", by paper."""
     studies = {slug: load_study(slug, input_model(slug), ROOT) for slug in NAMES}
-    return {slug: study.readings["corrected"].slice(input_model(slug).names()) for slug, study in studies.items()}
+    return {slug: study.readings["corrected"].inputs.plain() for slug, study in studies.items()}
 
 
 @pytest.fixture(scope="module")

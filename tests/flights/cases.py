@@ -91,7 +91,7 @@ def study(slug):
 def sections(slug, reading="corrected", **changes):
     """The inputs of a reading by section, with others in place of some, by their names without that of the section."""
     model = input_model(slug)
-    inputs = model.from_plain(study(slug).readings[reading].slice(model.names()))
+    inputs = model.from_plain(study(slug).readings[reading].inputs.plain())
     given = {}
     for name, section in model.sections().items():
         own = {key: value for key, value in changes.items() if key in section.model_fields}

@@ -130,10 +130,11 @@ class Pipeline:
 
     def inputs(self, reading, names=None, **changes):
         """The inputs "section.name", all unless given, and no others; what is not among them is not changed."""
-        values = self.study.readings[reading].slice(names or self.model.names())
+        plain = self.study.readings[reading].inputs.plain()
         sizes_and_changes = REDUCED[self.paper.slug] | REDUCED_IN.get((self.paper.slug, reading), {}) | changes
         return Inputs(
-            self.model, {name: sizes_and_changes.get(name.partition(".")[2], value) for name, value in values.items()}
+            self.model,
+            {name: sizes_and_changes.get(name.partition(".")[2], plain[name]) for name in sorted(names or plain)},
         )
 
     def stage_inputs(self, reading, stage, **changes):

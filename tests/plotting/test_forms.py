@@ -6,6 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import same_color
 
 from marsedl.montecarlo.statistics import variance_sampling_band
+from marsedl.plotting.ellipses import probability_inside
 from marsedl.plotting.fields import Field
 from marsedl.plotting.forms import covariance_ellipse, distribution, predicted_against_sampled
 from marsedl.plotting.style import BLACK, BLUE, new_figure
@@ -32,8 +33,17 @@ def test_every_point_of_the_ellipse_is_that_many_deviations_away():
     away = curve * [1e3, 1.0] - [1.0, 3.0]
     of_components = covariance[np.ix_([0, 2], [0, 2])]
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, np.linalg.inv(of_components), away), 9.0, rtol=1e-9)
+    np.testing.assert_allclose(away[0], away[-1], atol=1e-9)  # closed
     np.testing.assert_array_equal(axes.lines[0].get_xydata(), curve)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("downrange (km)", "velocity (m/s)")
+
+
+def test_the_probability_inside_is_that_of_samples():
+    samples = np.random.default_rng(1).standard_normal((200_000, 2))
+    for sigma in (0.5, 1.0, 2.4477, 3.0):
+        inside = np.mean(np.sum(samples**2, axis=1) < sigma**2)
+        assert probability_inside(sigma) == pytest.approx(inside, abs=4 * np.sqrt(0.25 / len(samples)))
+    assert probability_inside(np.sqrt(-2 * np.log(0.05))) == pytest.approx(0.95, rel=1e-12)
 
 
 def test_a_sample_stands_beside_its_prediction_with_the_sampling_band():

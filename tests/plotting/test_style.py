@@ -57,9 +57,6 @@ def test_panels_get_letters_once_and_what_is_no_panel_gets_none(tmp_path):
     save_figure(figure, tmp_path / "twice.png")
     titles = [axes.get_title() or axes.get_title("left") for axes in figure.axes]
     assert [title for title in titles if title] == ["(a) range", "(b)", "(c)"]
-
-
-def test_a_figure_of_one_panel_has_no_letter(tmp_path):
-    figure = example_figure()
-    save_figure(figure, tmp_path / "one.png")
-    assert not any(figure.axes[0].get_title(side) for side in ("left", "center"))
+    alone = example_figure()
+    save_figure(alone, tmp_path / "one.png")
+    assert not any(alone.axes[0].get_title(side) for side in ("left", "center"))

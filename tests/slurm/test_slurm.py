@@ -43,7 +43,7 @@ GLIDE, HOP = "hypersonic_glide", "short_hop"
 CACHE = f"data/cache/{GLIDE}"
 CASE = f"{CACHE}/corrected/montecarlo.closed_loop.h5"  # its design, two chunks, and their gathering
 TARGETS = (CASE, *(f"figures/{HOP}/{name}" for name in ("fig01.png", "printed/fig01.png")))
-CHUNK, GATHER = "chunk", "gather"
+CHUNK = "chunk"
 tools = runpy.run_path(str(Path(__file__).parent / "cluster.py"))
 
 
@@ -109,15 +109,11 @@ class Submitted:
 
     def running(self, rule, seconds=180):
         """Wait until a job of a rule runs; returns its number."""
-        return self.wait_for(
-            lambda: next((job for job in self.jobs("running") if self._rule(job) == rule), None), seconds
-        )
-
-    def wait_for(self, find, seconds):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if (value := find()) is not None:
-                return value
+            for job in self.jobs("running"):
+                if self._rule(job) == rule:
+                    return job
             assert self.process.poll() is None, f"Snakemake ended before:\n{self.output()[-5000:]}"
             time.sleep(0.05)
         raise AssertionError(f"not seen in {seconds} s:\n{self.output()[-5000:]}")

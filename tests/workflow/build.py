@@ -12,15 +12,15 @@ import sys
 from pathlib import Path
 
 from marsedl.replication.checks import twice
+from marsedl.replication.checks.twice import copy_tree
 from marsedl.replication.records.differences import digest_tree
 from marsedl.replication.sizes import build_folder
 
 ROOT = Path(__file__).parents[2]
 
 
-def with_kernels_of_the_tests(root: Path, folder: Path) -> Path:
-    """Copy the tree as `build_twice` asks for."""
-    copy_tree(root, folder)
+def with_kernels(folder: Path) -> Path:
+    """Let jobs in a copy of the project load the kernels that the tests compile; returns the folder."""
     (folder / ".cache").mkdir()
     for name in ("numba", "matplotlib"):
         (ROOT / ".cache" / name).mkdir(parents=True, exist_ok=True)
@@ -28,12 +28,10 @@ def with_kernels_of_the_tests(root: Path, folder: Path) -> Path:
     return folder
 
 
-copy_tree, twice.copy_tree = twice.copy_tree, with_kernels_of_the_tests
-
-
 def main(folder: Path) -> None:
     """Build twice, and write what was said and the digests of the first."""
     project, said = copy_tree(ROOT, folder / "project"), io.StringIO()
+    twice.copy_tree = lambda root, copy: with_kernels(copy_tree(root, copy))
     with contextlib.redirect_stdout(said):
         agree = twice.build_twice(project)
     print(said.getvalue())

@@ -27,7 +27,7 @@ CONFIG = "configs/powered_descent.yaml"
 PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
 STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
-SUMMARY = {"digests", "site"}
+SUMMARY = {"site"}
 JUDGED = {"claims", "counterexamples", "universes"}  # for each paper
 CLAIMS = {*JUDGED, "all_claims", *SUMMARY}
 

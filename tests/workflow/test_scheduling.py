@@ -22,11 +22,9 @@ rule one:
 """
 
 
-@pytest.mark.parametrize("ours", [True, False])
-def test_a_finished_job_leads_to_one_look_for_free_ones(tmp_path, ours):
+def test_a_finished_job_leads_to_one_look_for_free_ones(tmp_path):
     settings = re.search(r"\nonstart:\n(    [^\n]*\n)+", (Path(__file__).parents[2] / "Snakefile").read_text("utf-8"))
-    (tmp_path / "Snakefile").write_text(RULES + settings.group() * ours, encoding="utf-8")
+    (tmp_path / "Snakefile").write_text(RULES + settings.group(), encoding="utf-8")
     process = snakemake(tmp_path, "--cores", "1", "--scheduler", "greedy", "--verbose")
     assert process.returncode == 0, process.stdout[-3000:]
-    looks = process.stdout.count("Ready jobs: ")
-    assert (looks <= JOBS + 2) == ours, f"{looks} looks"  # were it so anyway, the setting could go
+    assert JOBS <= process.stdout.count("Ready jobs: ") <= JOBS + 2

@@ -6,8 +6,6 @@ import time
 
 import pytest
 
-from marsedl.replication.claims.rows import read_claims
-
 pytestmark = pytest.mark.workflow
 
 HOP = "short_hop"
@@ -37,9 +35,3 @@ def test_a_smoke_build_even_an_interrupted_one_leaves_full_products_alone(small)
     small.config = []
     assert (small.state(), small.digests()) == full
     assert small.plan(HOP).rules == set(), "going back to the full size plans no job"
-
-
-def test_a_smoke_build_says_so(copied):
-    assert {row.size for row in read_claims(copied.path("report/claims.json"))} == {"smoke"}
-    page = copied.path("report/index.html").read_text(encoding="utf-8")
-    assert "This report comes from a run of size smoke." in page

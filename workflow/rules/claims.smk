@@ -1,5 +1,5 @@
 # Verdicts on every printed claim: one job per paper over all its readings, one that turns each verdict by its
-# counterexample, then all papers in one file, and a badge.
+# counterexample, then all papers in one file.
 
 
 rule paper_claims:
@@ -8,7 +8,7 @@ rule paper_claims:
         points="report/points/{paper}.json",
     output:
         claims="report/claims/{paper}.json",
-        csv=shown("figures/{paper}/claims.csv", "table", "claims", caption="claims", reading="all"),
+        csv=report("figures/{paper}/claims.csv", category="{paper}"),
         md="figures/{paper}/claims.md",
         picture="figures/{paper}/headline.png",
     log:
@@ -48,8 +48,7 @@ rule claims:
         counterexamples=expand("report/counterexamples/{paper}.json", paper=PAPERS),
         universes=expand("report/universes/{paper}.json", paper=PAPERS),
     output:
-        claims="report/claims.json",
-        badge="report/badge.json",
+        "report/claims.json",
     log:
         "logs/claims.log",
     benchmark:

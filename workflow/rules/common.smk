@@ -1,14 +1,10 @@
 # The configuration, validated before any job is planned, and the functions that the rules are written with.
-import contextlib
-import functools
 import os
-import re
 import sys
 import time
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.pipeline import targets
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import CORRECTED
@@ -19,6 +15,7 @@ from marsedl.replication.report.files import HEADLINE, site_files, universe_pict
 from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
+from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(workflow.current_basedir).parents[1]
 # Another workflow may use these rules as a module: its words, files and further keys are its own.
@@ -50,14 +47,11 @@ if SIZE != "full":
     workdir: build_folder(ROOT, SIZE)
 
 
-READINGS = sorted({name for study in STUDIES.values() for name in study.readings})
-
-
 wildcard_constraints:
     paper="|".join(SLUGS),
-    reading="|".join(READINGS),
+    reading="[a-z0-9_]+",
     # The folder of a reading's figures and tables; those of the default reading stand above it.
-    place="|".join(["", *(f"{name}/" for name in READINGS)]),
+    place="([a-z0-9_]+/)?",
     name=r"[a-z0-9_]+(\.[a-z_]+)?",
     case="[a-z_]+",
     chunk=r"0|[1-9]\d*",
@@ -150,8 +144,8 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 
 # --- universes
 
-# Pictures of the universes of each paper, which has so many headlines.
-UNIVERSE_PICTURES = {slug: universe_pictures(len(headline)) for slug, headline in HEADLINES.items()}
+# Names of the pictures of the universes of each paper.
+UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline in HEADLINES.items()}
 
 
 def universe_chunks(folder, suffix):
@@ -162,50 +156,3 @@ def universe_chunks(folder, suffix):
         return [f"{folder}/{wildcards.paper}.{chunk}of{chunks}.{suffix}" for chunk in range(chunks)]
 
     return files
-
-
-# --- what `snakemake --report` shows
-
-
-def reading_of(wildcards):
-    """The reading in whose folder a product stands."""
-    return wildcards.get("place", "").strip("/") or CORRECTED
-
-
-def shown(path, kind, item="{stem}", *, category="{paper}", caption="product", reading=None):
-    """A file that the report shows."""
-
-    def labels(wildcards):
-        return {"reading": reading or reading_of(wildcards), "item": filled(item, wildcards), "kind": kind}
-
-    return report(path, caption=f"../report/{caption}.rst", category=category, subcategory=reading_of, labels=labels)
-
-
-@functools.cache
-def quoting(paper, reading):
-    """A paper's catalogue, for the report with the numbers that its texts quote, if there are verdicts that they agree with.
-
-    To read the verdicts takes longer than to plan all jobs.
-    """
-    if "--report" not in targets.words_of(sys.argv):
-        return PAPERS[paper]
-    from marsedl.replication.claims.rows import read_claims
-
-    readings = STUDIES[paper].readings
-    with contextlib.suppress(MarsedlError):
-        return with_numbers(PAPERS[paper], Quotes(read_claims(f"report/claims/{paper}.json"), readings, reading))
-    return with_numbers(PAPERS[paper], Quotes(None, readings, reading))
-
-
-def captions(*stems):
-    """The captions of a job's products; edited ones are no reason to run it again, as they depend on `output`."""
-
-    def written(wildcards, output):
-        if not stems:
-            texts = [COMPARISONS[wildcards.stem].figure, COMPARISONS[wildcards.stem].table]
-        else:
-            quoted = quoting(wildcards.paper, reading_of(wildcards))
-            texts = [quoted.product(filled(stem, wildcards)).caption for stem in stems]
-        return [re.sub(r"([\\*`|_])", r"\\\1", text) for text in texts]  # without markup
-
-    return written

@@ -6,7 +6,7 @@ rule figure:
     input:
         unpack(inputs("figures/{paper}/{place}{stem}.png")),
     output:
-        shown("figures/{paper}/{place}{stem}.png", "figure"),
+        report("figures/{paper}/{place}{stem}.png", category="{paper}"),
         "figures/{paper}/{place}{stem}.pdf",
     log:
         "logs/{paper}/{place}{stem}.log",
@@ -18,7 +18,6 @@ rule figure:
         "../envs/marsedl.yaml"
     params:
         made=made("figures/{paper}/{place}{stem}.png"),
-        captions=captions("{stem}"),
     script:
         "../scripts/figures.py"
 
@@ -33,7 +32,7 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
         input:
             unpack(inputs(f"figures/{{paper}}/{{place}}{_tables[0]}.csv")),
         output:
-            csv=[shown(f"figures/{{paper}}/{{place}}{stem}.csv", "table", stem) for stem in _tables],
+            csv=[report(f"figures/{{paper}}/{{place}}{stem}.csv", category="{paper}") for stem in _tables],
             md=[f"figures/{{paper}}/{{place}}{stem}.md" for stem in _tables],
         log:
             f"logs/{{paper}}/{{place}}{_tables[0]}.log",
@@ -45,7 +44,6 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
             "../envs/marsedl.yaml"
         params:
             made=made(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
-            captions=captions(*_tables),
         script:
             "../scripts/tables.py"
 
@@ -54,13 +52,9 @@ rule compared:
     input:
         unpack(inputs("figures/comparison/{stem}.png")),
     output:
-        png=shown(
-            "figures/comparison/{stem}.png", "figure", category="comparison of the papers", caption="compared_figure"
-        ),
+        png=report("figures/comparison/{stem}.png", category="comparison"),
         pdf="figures/comparison/{stem}.pdf",
-        csv=shown(
-            "figures/comparison/{stem}.csv", "table", category="comparison of the papers", caption="compared_table"
-        ),
+        csv=report("figures/comparison/{stem}.csv", category="comparison"),
         md="figures/comparison/{stem}.md",
     log:
         "logs/comparison/{stem}.log",
@@ -72,6 +66,5 @@ rule compared:
         "../envs/marsedl.yaml"
     params:
         made=made("figures/comparison/{stem}.png"),
-        captions=captions(),
     script:
         "../scripts/comparison.py"

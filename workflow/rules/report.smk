@@ -1,28 +1,10 @@
-# Digests of all products, the pages that show them, and the comparison of a build with the committed numbers.
-
-
-rule digests:
-    input:
-        unpack(inputs("report/digests.json")),
-    output:
-        "report/digests.json",
-    log:
-        "logs/digests.log",
-    benchmark:
-        "benchmarks/digests.tsv"
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=made("report/digests.json"),
-    script:
-        "../scripts/digests.py"
+# The pages that show all products, and the comparison of a build with the committed numbers.
 
 
 rule report:
     input:
         unpack(inputs("report/index.html")),
         claims="report/claims.json",
-        digests="report/digests.json",
         universes=expand("report/universes/{paper}.h5", paper=PAPERS),
     output:
         [

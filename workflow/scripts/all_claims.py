@@ -1,10 +1,8 @@
-"""Join the claims of all papers with counterexamples and what universes say, and count their verdicts on a badge."""
+"""Join the claims of all papers with counterexamples and what universes say."""
 
 from marsedl.replication.claims.claim import Counterexample, Standing
 from marsedl.replication.claims.rows import read_claims, read_parts, write_claims
-from marsedl.replication.files import write_json
 from marsedl.replication.pipeline.jobs import guarded
-from marsedl.replication.report.front_page import badge
 
 with guarded(snakemake):
     rows = []
@@ -15,5 +13,4 @@ with guarded(snakemake):
             row.model_copy(update={"counterexample": turned.get(row.id), "universes": standings.get(row.id)})
             for row in read_claims(claims)
         ]
-    write_claims(rows, snakemake.output.claims)
-    write_json(badge(rows), snakemake.output.badge)
+    write_claims(rows, snakemake.output[0])

@@ -17,5 +17,5 @@ with guarded(snakemake) as job:
         given = catalogue(slug), input_model(slug)
         judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes)
         papers.append(assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], judge))
-    around = assembly.environment(job.made["size"], project / "CITATION.cff")
-    build_site(Path(snakemake.output[0]).parent, papers, around, comparisons())
+    folder, citation = Path(snakemake.output[0]).parent, project / "CITATION.cff"
+    build_site(folder, papers, job.made["size"], citation, comparisons())

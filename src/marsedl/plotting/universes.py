@@ -25,7 +25,7 @@ def specification_curve(judge: Judge, claim: str, title: str):
     place = judge.component_place(claim)
     values = table.value[:, place]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
-    verdicts = judge.verdicts[order, judge.claim_place(claim)]
+    verdicts = judge.verdicts[order, judge.column[claim]]
     shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(

@@ -147,9 +147,7 @@ def test_the_universe_corrected_is_the_reading_and_remains_so():
         evaluator.memory.let_go()
         return found
 
-    limited = STUDY.readings["corrected"]
-    for limits, at in STUDY.limits:
-        limited = STUDY.resolver.limited(limited, limits, at)
+    limited = STUDY.limited(STUDY.readings["corrected"])
     reading = run_of(limited.inputs.plain() | small)
     first, other = digests({}), digests({"planet_radius": 3390.0, "branch": "one_reversal"})
     assert first == {name: content_digest(reading.record(name)) for name in names}

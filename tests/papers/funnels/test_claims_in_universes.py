@@ -100,9 +100,7 @@ def test_the_universe_corrected_is_the_reading_whatever_came_before(evaluator):
         return found
 
     study = evaluator.study
-    limited = study.readings["corrected"]
-    for limits, at in study.limits:
-        limited = study.resolver.limited(limited, limits, at)
+    limited = study.limited(study.readings["corrected"])
     reading = Run.of(evaluator.paper, MODEL.from_plain(limited.inputs.plain() | SMALL), Memory())
     first, other = of({}), of({"entry_angle": -15.2, "shape": "minimum_trace", "optimum": "of_the_guess"})
     assert first == digests(reading)

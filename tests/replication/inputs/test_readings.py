@@ -176,13 +176,6 @@ def test_a_user_may_add_a_choice_and_a_value_of_one():
     assert study.universe({"noise_unit": "mine"}).inputs.noise.thrust_unit == 7.0
 
 
-def test_slices_hold_what_is_asked_in_the_order_of_names():
-    reading = load_study("powered_descent", MODEL, ROOT).readings["corrected"]
-    names = ["planet.gravity", "ensemble.trials"]
-    assert reading.slice(names) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
-    assert list(reading.slice(names)) == ["ensemble.trials", "planet.gravity"]
-
-
 # ------------------------------------------------------------------------------------------- what is refused: values
 
 
@@ -260,6 +253,23 @@ def test_malformed_readings_are_refused(tmp_path, text, fragments):
     path = tmp_path / "mine.yaml"
     path.write_text(f"powered_descent:\n  {text}\n", encoding="utf-8")
     refused(path, *fragments)
+
+
+@pytest.mark.parametrize("limits", ["planet.gravity, component: 1", "entry.initial_position"])
+def test_a_range_of_what_is_no_number_is_refused(tmp_path, limits):
+    path = tmp_path / "mine.yaml"
+    limits = f"range: {{input: {limits}, between: [1.0, 2.0], source: '{SOURCE}'}}"
+    path.write_text(f"powered_descent:\n  choices: {{doubt: {{asks: why, because: withheld, {limits}}}}}\n", "utf-8")
+    with pytest.raises(InputError, match=r"choices\.doubt\.range: is of no number in .*component"):
+        load(path)
+
+
+def test_a_reading_without_a_base_is_told_what_is_missing_though_it_sets_a_range(tmp_path):
+    path = tmp_path / "mine.yaml"
+    doubt = "asks: why, because: withheld, range: {input: planet.gravity, factor: [0.5, 2.0], source: Eq. 1}"
+    mine = "readings: {mine: {choices: {doubt: 1.5}}}"
+    path.write_text(f"powered_descent:\n  choices: {{doubt: {{{doubt}}}}}\n  {mine}\n", "utf-8")
+    refused(path, "readings.mine.planet: 'gravity' (m/s^2) is missing")
 
 
 @pytest.mark.parametrize(
@@ -346,7 +356,7 @@ def test_all_faults_of_a_file_are_told_at_once_and_a_decimal_comma_by_its_name(t
 @given(of=st.sampled_from(INPUTS), slip=st.sampled_from(["kind", "nan", "unit", "suffix", "misspelt", "source"]))
 def test_a_slip_is_refused(tmp_path_factory, of, slip):
     slug, section, name = of
-    ways = [key for key, way in MODELS[slug].sections()[section].keys().items() if way.name == name]
+    ways = [key for key, way in MODELS[slug].sections()[section].keys().items() if way[0] == name]
     key = ways[0]
     body = entry(1.0)
     if slip in ("kind", "nan"):

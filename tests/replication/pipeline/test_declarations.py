@@ -179,10 +179,3 @@ def test_an_unknown_parameter_names_the_nearest(read):
 def test_a_function_that_is_not_written_is_named(read):
     with pytest.raises(InputError, match="figures:fig01: there is no such function"):
         read(figures="")
-
-
-def test_what_is_not_read_is_not_given():
-    planet = Planet.from_plain({"gravity": 3.7})
-    assert planet.gravity == 3.7
-    with pytest.raises(AttributeError, match=r"'radius' was not given: .* reads as 'planet\.radius', .* as Planet"):
-        _ = planet.radius

@@ -1,5 +1,6 @@
 """Edits that matter change the code digest of a stage; edits that do not matter leave it alone."""
 
+import shutil
 import textwrap
 
 import pytest
@@ -231,12 +232,8 @@ def test_a_parameter_hides_the_symbol_of_its_name(tree, use, hides):
 
 
 def test_digest_does_not_depend_on_the_folder(tree, tmp_path_factory):
-    other = tmp_path_factory.mktemp("elsewhere")
-    for name in TREE:
-        (other / name).parent.mkdir(parents=True, exist_ok=True)
-        (other / name).write_bytes((tree / name).read_bytes())
     (tree / "shim.py").write_text("from marsedl.papers.stage import compute\ncompute(1)\n")
-    (other / "shim.py").write_text("from marsedl.papers.stage import compute\ncompute(1)\n")
+    other = shutil.copytree(tree, tmp_path_factory.mktemp("elsewhere") / "tree")
     assert fingerprint(ENTRY, tree) == fingerprint(ENTRY, other)
     assert of(tree).kernels() == of(other).kernels()
     assert of(tree, ".").code("shim.py") == of(other, ".").code("shim.py")
@@ -340,25 +337,16 @@ def test_a_wrong_entry_is_refused_by_name(tree, entry, named):
         fingerprint(entry, tree)
 
 
-@pytest.fixture
-def remembered(tree, tmp_path):
-    """Digests of the tree with a memory, and its scripts in a folder of their own."""
-    scripts = tmp_path / "scripts"
-    scripts.mkdir()
-    (scripts / "shim.py").write_text("from marsedl.models.gravity import gravity\n", encoding="utf-8")
+def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree):
+    memory = tree / "memory" / "fingerprints.json"
 
-    def open_again():
-        return Fingerprints(tmp_path / "memory" / "fingerprints.json", tree, scripts)
+    def remembered():
+        return Fingerprints(memory, tree, tree / "none")
 
-    return open_again
-
-
-def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remembered, tmp_path):
     first = remembered()
     before = first.code(ENTRY)
     first.save()
-    path = tree / "marsedl" / "models" / "gravity.py"
-    path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
+    edit(tree, GRAVITY, "return 1", "return 2")
     after_edit = remembered()
     assert after_edit.code(ENTRY) == fingerprint(ENTRY, tree) != before
     first.kernels()
@@ -367,7 +355,6 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fingerprints, "_parsed", None)  # nothing is parsed again
         assert remembered().code(ENTRY) == after_edit.code(ENTRY)
-    memory = tmp_path / "memory" / "fingerprints.json"
     assert before not in memory.read_text(encoding="utf-8")
     for damaged in ("", "{", "[]", '{"key": 1}', "3"):
         memory.write_text(damaged, encoding="utf-8")

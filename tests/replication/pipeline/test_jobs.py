@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from marsedl.replication.errors import MarsedlError, SolverError
-from marsedl.replication.inputs.sections import Number, Section, given, vector
+from marsedl.replication.inputs.sections import Section, given, vector
 from marsedl.replication.pipeline import jobs, numerics
-from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.records import fields, store
 from marsedl.replication.records.recipes import recipe_digest
@@ -108,18 +107,12 @@ class Plant(Section):
     """A test section."""
 
     covariance: vector(2) = given("m^2", "two variances")
-    speed: Number = given("m/s", "speed")
 
 
-def test_a_section_has_the_inputs_that_were_given_and_no_others():
-    def stage(plant: Plant):
-        """Only its annotations are read."""
-
-    section = Arguments({"plant.covariance": [1, 2]}).of(stage)["plant"]
-    np.testing.assert_array_equal(section.covariance, [1.0, 2.0])
-    assert section.covariance.dtype == float
-    with pytest.raises(AttributeError, match=r"the input 'speed' was not given: .* reads as 'plant\.speed'"):
-        _ = section.speed
+def test_vectors_of_a_section_are_arrays_of_floats():
+    covariance = Plant.from_plain({"covariance": [1, 2]}).covariance
+    np.testing.assert_array_equal(covariance, [1.0, 2.0])
+    assert covariance.dtype == float
 
 
 @pytest.fixture
@@ -183,80 +176,58 @@ def test_a_job_records_what_its_products_were_made_from_if_it_comes_to_its_end(t
 # ------------------------------------------------------------------------------------------------------------ failures
 
 
-def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys):
-    snakemake = job_of(tmp_path)
-    with pytest.raises(SystemExit) as caught, jobs.guarded(snakemake):
-        raise MarsedlError("the iteration does not converge: raise its limit")
-    assert caught.value.code == 1
-    message = capsys.readouterr().err
-    assert "paper p, reading r, job gains: the iteration does not converge: raise its limit" in message
-    assert f"(log: {tmp_path / 'logs' / 'gains.log'})" in message
+@pytest.fixture
+def failing(tmp_path, pinned, capsys):
+    """A function that runs a job which raises an error, or must not begin; returns what it says."""
+
+    def run(error=None, **made):
+        with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path, **made)):
+            raise error or AssertionError("the body must not run")
+        assert caught.value.code == 1
+        return capsys.readouterr().err
+
+    return run
+
+
+def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, failing):
+    log, message = tmp_path / "logs" / "gains.log", failing(MarsedlError("it does not converge: raise its limit"))
+    assert "paper p, reading r, job gains: it does not converge: raise its limit" in message
+    assert f"(log: {log})" in message
     assert "Traceback" not in message
-    assert "Traceback" in (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8")
-    assert jobs.failure(tmp_path / "logs" / "gains.log") == message.strip("\n") + "\n"
+    assert "Traceback" in log.read_text(encoding="utf-8")
+    assert jobs.failure(log) == message.strip("\n") + "\n"
     assert jobs.failure(tmp_path / "logs" / "another.log") == ""
 
 
-@pytest.mark.parametrize("kept", [True, False])
-def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys, kept):
+def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, failing):
     iterate_file, iterate = tmp_path / "logs" / "gains.iterate.csv", {"time": [0.0, 0.5], "bank": [1 / 3, np.nan]}
-    if not kept:
-        iterate_file.mkdir(parents=True)
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        raise SolverError("nominal: off by 3 m", iterate)
-    message = capsys.readouterr().err
-    assert "paper p, reading r, job gains: nominal: off by 3 m (its last iterate" in message
-    if kept:
-        assert f"(its last iterate: {iterate_file})" in message
-        stored = np.loadtxt(iterate_file, delimiter=",", skiprows=1)
-        np.testing.assert_array_equal(stored, [[0.0, 1 / 3], [0.5, np.nan]])
-    else:
-        assert "(its last iterate could not be saved: Is a directory)" in message
+    assert "job gains: nominal: there is no solution\n" in failing(SolverError("nominal: there is no solution", {}))
+    assert not iterate_file.exists()
+    said = "paper p, reading r, job gains: nominal: off by 3 m (its last iterate"
+    assert f"{said}: {iterate_file})" in failing(SolverError("nominal: off by 3 m", iterate))
+    stored = np.loadtxt(iterate_file, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(stored, [[0.0, 1 / 3], [0.5, np.nan]])
+    iterate_file.unlink()
+    iterate_file.mkdir()
+    message = failing(SolverError("nominal: off by 3 m", iterate))
+    assert f"{said} could not be saved: Is a directory)" in message
 
 
-def test_a_solver_without_an_iterate_keeps_none(tmp_path, pinned, capsys):
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        raise SolverError("nominal: there is no solution", {})
-    assert "job gains: nominal: there is no solution\n" in capsys.readouterr().err
-    assert not (tmp_path / "logs" / "gains.iterate.csv").exists()
-
-
-def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        raise ZeroDivisionError("by zero")
-    message = capsys.readouterr().err
+def test_an_unexpected_error_shows_its_traceback(failing):
+    message = failing(ZeroDivisionError("by zero"))
     assert "Traceback" in message
     assert "paper p, reading r, job gains: ZeroDivisionError: by zero" in message
 
 
-@pytest.mark.parametrize(
-    ("number", "remedy"),
-    [
-        (errno.ENOSPC, "(No space left on device): free space and run again"),
-        (errno.EDQUOT, ": free space and run again"),
-        (errno.EROFS, "(Read-only file system): change its permissions and run again"),
-    ],
-)
-def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned, capsys, number, remedy):
-    for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, tmp_path / "out.h5")):
-        with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-            raise OSError(number, os.strerror(number), path and str(path))
-        message = capsys.readouterr().err
-        assert f"paper p, reading r, job gains: {named}: cannot be written or read " in message
-        assert remedy in message
-        assert "Traceback" not in message
+def test_a_full_disk_is_said_without_a_traceback(failing):
+    message = failing(OSError(errno.ENOSPC, "No space left on device", "fig07.png"))
+    assert "paper p, reading r, job gains: [Errno 28] No space left on device: 'fig07.png'" in message
+    assert "Traceback" not in message
 
 
-def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
-    monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        pytest.fail("the body must not run")
-    assert "OPENBLAS_CORETYPE" in capsys.readouterr().err
-
-
-def test_a_job_with_other_libraries_than_planned_does_not_start(tmp_path, pinned, capsys):
+def test_a_job_without_the_pinned_environment_or_with_other_libraries_than_planned_does_not_start(failing, monkeypatch):
     planned = LIBRARIES.replace("numpy ", "numpy 1")
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, libraries=planned)):
-        pytest.fail("the body must not run")
     message = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
-    assert message in capsys.readouterr().err
+    assert message in failing(libraries=planned)
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
+    assert "OPENBLAS_CORETYPE" in failing()

@@ -41,29 +41,17 @@ class Project:
     """A folder with kernels that are run there."""
 
     def __init__(self, folder: Path):
-        self.folder = folder
-        self.folder.mkdir(exist_ok=True)
+        self.folder, self.program = folder, folder / "kernels.py"
         self.program.write_text(PROGRAM, encoding="utf-8")
-
-    @property
-    def program(self) -> Path:
-        return self.folder / "kernels.py"
 
     def start(self, at: float = 0.0, before: str = "") -> subprocess.Popen:
         """Start the kernels as a job does, which waits for a time of the clock."""
-        code = (
-            before
-            + "import os, runpy; from marsedl.replication.pipeline import kernel_cache\n"
-            + f"os.environ['NUMBA_CACHE_DIR'] = {str(self.folder / 'cache')!r}\n"
-        )
+        code = f"{before}import os, runpy; from marsedl.replication.pipeline import kernel_cache\n"
+        code += f"os.environ['NUMBA_CACHE_DIR'] = {str(self.folder / 'cache')!r}\n"
         code += "os.environ['NUMBA_CACHE_LOCATOR_CLASSES'] = kernel_cache.LOCATOR\n"
         code += f"runpy.run_path({str(self.program)!r})\n"
-        return subprocess.Popen(
-            [sys.executable, "-c", code, str(at)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-c", code, str(at)]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def run(self, before: str = "") -> tuple[list[str], str]:
         """Result and number of compiled kernels, and what was said."""
@@ -76,7 +64,7 @@ class Project:
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     """A project whose kernels three jobs wanted at once, and how many each of them compiled."""
-    project = Project(tmp_path_factory.mktemp("kernels") / "project")
+    project = Project(tmp_path_factory.mktemp("kernels"))
     started = [project.start(time.time() + 3.0) for _ in range(3)]
     try:
         printed = [process.communicate(timeout=120)[0].split() for process in started]
@@ -112,14 +100,12 @@ def test_vectors_of_512_bits_are_asked_for_where_the_processor_has_them(monkeypa
 
 
 def test_on_a_file_system_without_locks_kernels_are_compiled_without_turns(tmp_path):
-    project = Project(tmp_path / "project")
+    project = Project(tmp_path)
     before = "import errno, fcntl\ndef flock(*_):\n    raise OSError(errno.ENOLCK, 'no')\nfcntl.flock = flock\n"
     printed, errors = project.run(before)
     assert printed == COMPILED
-    assert (
-        errors
-        == f"{project.folder / 'cache'}: no file locks here, so several jobs may compile the same kernel\n{ANNOUNCED}"
-    )
+    warning = f"{tmp_path / 'cache'}: no file locks here, so several jobs may compile the same kernel\n"
+    assert errors == warning + ANNOUNCED
     assert project.run(before)[0] == LOADED
 
 
@@ -138,9 +124,7 @@ def test_every_cached_kernel_is_known(tmp_path):
     # Kernels of flights carry the digest of all that they reach in their names, see `test_flight_cache`.
     others = {"marsedl.replication.pipeline.fingerprints", "marsedl.montecarlo.flights.binding"}
     assert names - others == set(valid_names)
-    flown = [
-        path for path in SOURCE.glob("marsedl/papers/*/flight.py") if "Flight(" in path.read_text(encoding="utf-8")
-    ]
+    flown = [path for path in SOURCE.glob("marsedl/papers/*/flight.py") if "Flight(" in path.read_text("utf-8")]
     assert len(valid_names) + len(flown) > 15
 
 

@@ -35,13 +35,6 @@ NO_SCIPY = {
 }
 
 
-def installed(folder: Path, name: str, version: str) -> None:
-    """A distribution as its installer leaves it."""
-    metadata = folder / f"{name}-{version}.dist-info" / "METADATA"
-    metadata.parent.mkdir()
-    metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", encoding="utf-8")
-
-
 @pytest.fixture
 def upgraded(tmp_path, monkeypatch):
     """Upgrade a library; returns the stages whose versions change."""
@@ -52,8 +45,9 @@ def upgraded(tmp_path, monkeypatch):
         return {stage: versions_used(used) for stage, used in USED.items()}
 
     def upgrade(name):
-        before = now()
-        installed(tmp_path, name, "99.0")
+        before, metadata = now(), tmp_path / f"{name}-99.0.dist-info" / "METADATA"  # as its installer leaves it
+        metadata.parent.mkdir()
+        metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 99.0\n", encoding="utf-8")
         after = now()
         changes = {stage for stage in USED if before[stage] != after[stage]}
         assert all(f"{name} 99.0" in after[stage] for stage in changes)
@@ -98,10 +92,8 @@ def test_companions_are_what_a_library_itself_requires():
 
 
 def test_every_library_that_some_code_uses_is_installed_under_the_name_by_which_it_is_looked_up():
-    used = set().union(
-        *USED.values(),
-        *(fingerprints_of(ROOT).libraries(p.name) for p in (ROOT / "workflow/scripts").glob("*.py")),
-    )
+    scripts = [path.name for path in (ROOT / "workflow" / "scripts").glob("*.py")]
+    used = set().union(*USED.values(), *map(fingerprints_of(ROOT).libraries, scripts))
     used -= {"yaml"}
     assert used >= {"PIL", "casadi", "cvxpy", "jinja2", "matplotlib", "numba", "numpy", "scipy"}
     assert "not installed" not in library_versions(*(DISTRIBUTIONS.get(name, name) for name in used)).values()

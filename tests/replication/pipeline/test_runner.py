@@ -85,10 +85,7 @@ def tab1(published, gains: Gains):
 @pytest.fixture
 def run(monkeypatch):
     """Return a run of a toy paper with some inputs changed; all runs of a test share a memory."""
-    for name, functions in {
-        "stages": (nominal, gains, simulate, gather),
-        "tables": (tab1,),
-    }.items():
+    for name, functions in {"stages": (nominal, gains, simulate, gather), "tables": (tab1,)}.items():
         module = ModuleType(name)
         vars(module).update({function.__name__: function for function in functions})
         monkeypatch.setitem(sys.modules, f"marsedl.papers.toy.{name}", module)

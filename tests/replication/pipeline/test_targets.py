@@ -1,5 +1,6 @@
 """What is asked of Snakemake: what something makes is accepted, anything else is one message with the nearest name."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -9,19 +10,18 @@ from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.staleness import Recipes
-from marsedl.replication.pipeline.targets import check_targets, words_of
+from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(__file__).parents[3]
 RULES = ["all", "claims", "verify", *SLUGS]
 
 
 @pytest.fixture(scope="module")
-def asked():
-    """A function that checks the words of a command."""
+def recipes():
+    """Those of all products."""
     papers = {slug: catalogue(slug) for slug in SLUGS}
     studies = load_studies({slug: input_model(slug) for slug in SLUGS}, ROOT)
-    recipes = Recipes(ROOT, papers, studies, comparisons())
-    return lambda *words: check_targets(list(words), RULES, recipes)
+    return Recipes(ROOT, papers, studies, comparisons())
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ def asked():
         ["data/cache/powered_descent/corrected/montecarlo.closed_loop.h5", "figures/mine.txt/../../own/x.txt"],
     ],
 )
-def test_what_is_made_or_is_not_ours_may_be_asked_for(asked, words):
-    asked(*words)
+def test_what_is_made_or_is_not_ours_may_be_asked_for(recipes, words):
+    check_targets(["bin/snakemake", *words], RULES, recipes)
 
 
 @pytest.mark.parametrize(
@@ -52,19 +52,16 @@ def test_what_is_made_or_is_not_ours_may_be_asked_for(asked, words):
         ("data/cache/powered_descent/corrected/nominl.h5", "corrected/nominal.h5'?"),
         ("data/cache/powered_descent/printed/montecarlo.closed_loop_large.h5", "did you mean"),  # it flies no trials
         ("figures/qqq/qqqqqqqqq.png", "'marsedl list' shows what there is"),
-        (
-            "data/cache/funnels/euler/nominal.h5",
-            "the reading shares data/cache/funnels/corrected/nominal.h5",
-        ),
+        ("data/cache/funnels/euler/nominal.h5", "the reading shares data/cache/funnels/corrected/nominal.h5"),
     ],
 )
-def test_what_nothing_makes_is_refused_with_the_nearest(asked, word, message):
+def test_what_nothing_makes_is_refused_with_the_nearest(recipes, word, message):
     with pytest.raises(InputError) as caught:
-        asked(word, "--cores", "2")
+        check_targets(["bin/snakemake", word, "--cores", "2"], RULES, recipes)
     assert message in str(caught.value)
 
 
-def test_words_are_those_of_snakemake_alone():
-    assert words_of(["/x/.venv/bin/snakemake", "all", "-n"]) == ["all", "-n"]
-    assert words_of(["/x/site-packages/snakemake/__main__.py", "all"]) == ["all"]
-    assert words_of(["api.py", "gale"]) == []
+@pytest.mark.parametrize(("program", "checked"), [("x/snakemake/__main__.py", True), ("api.py", False)])
+def test_words_of_other_programs_are_their_own(recipes, program, checked):
+    with pytest.raises(InputError) if checked else nullcontext():
+        check_targets([program, "gale"], RULES, recipes)

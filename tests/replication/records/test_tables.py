@@ -17,7 +17,6 @@ from marsedl.replication.records.tables import (
     frame,
     printed_cells,
     read_markdown,
-    read_table,
     table,
     write_table,
 )
@@ -73,7 +72,7 @@ def test_a_written_table_is_read_back_with_its_types_and_all_digits(tmp_path):
     assert dict(back.dtypes.astype(str)) == kinds | {"trials": "float64", "angle (deg)": "float64"}
     assert dict(data.dtypes.astype(str)) == kinds | {"trials": "Int64", "angle (deg)": "float64"}
     assert back["mass (kg)"].tolist()[:2] == [math.inf, 0.1 + 0.2]
-    assert read_table(tmp_path / "t.csv")[1:] == [
+    assert [line.split(",") for line in (tmp_path / "t.csv").read_text("utf-8").splitlines()[1:]] == [
         ["printed", "inf", "", "False", "", "1.0"],
         ["corrected", "0.30000000000000004", "0.3333333333333333", "True", "1500", "-2.0"],
         ["mine | yours", "", "0.1", "True", "3", ""],

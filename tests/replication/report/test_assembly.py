@@ -41,13 +41,11 @@ def test_how_all_solves_ended_is_counted_with_the_readings_of_each(tmp_path):
         },
     }
     search = assembly.solved(Solve("gains", "search_converged", what="search"), paths)
-    endings = {"converged": ["printed", "printed", "corrected"], "not converged": ["corrected"]}
-    assert search == assembly.Solved("gains", "search", endings, [], [])
+    assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
     program = assembly.solved(Solve("gains", "status", "solver_iterations", "worst_residual"), paths)
-    endings = {"optimal": ["printed", "corrected"], "stopped": ["printed"], "not solved": ["corrected"]}
-    assert program == assembly.Solved("gains", "gains", endings, [3, 1000, 7, 0], [1e-9, 2e-6])
-    assert list(program.endings) == list(endings)
-    assert assembly.solved(Solve("path", "status"), paths) is None
+    ended = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
+    assert program == ["gains", "gains", ended, "4", "0 to 1,000", "2.0e-06"]
+    assert assembly.solved(Solve("path", "status"), paths) == []
 
 
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
@@ -76,11 +74,13 @@ def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
     assert rows[0] == [["case", "A program and a search.", "gains", "9", "–"]]
 
 
-def test_a_damaged_artifact_is_named(tmp_path):
-    path = tmp_path / "gains.h5"
+def test_a_damaged_or_foreign_artifact_is_named(tmp_path):
+    path, foreign = tmp_path / "gains.h5", saved(tmp_path / "convergence.h5", ["optimal"], [3])
     path.write_bytes(b"\x89HDF")
     with pytest.raises(ArtifactError, match=r"gains\.h5"):
         assembly.solved(Solve("gains", "status"), {"corrected": {"gains": str(path)}})
+    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
+        assembly.closeups(catalogue("random_field"), {"convergence": foreign})
 
 
 @pytest.mark.parametrize(
@@ -98,9 +98,3 @@ def test_plots_hold_what_a_screen_shows(values, axis, expected):
     rounded = closeups.rounded(np.array(values), axis)
     assert rounded == expected
     assert "-0.0" not in json.dumps(rounded)
-
-
-def test_a_plot_of_a_damaged_artifact_is_refused_by_name(tmp_path):
-    path = saved(tmp_path / "convergence.h5", ["optimal"], [3])
-    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
-        assembly.closeups(catalogue("random_field"), {"convergence": path})

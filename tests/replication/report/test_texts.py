@@ -96,9 +96,3 @@ def test_the_words_of_every_paper_are_sentences_without_slips_of_wrapping(slug):
     texts += paper.described.values()
     assert all(text.endswith(".") for text in texts)
     assert not [text for text in texts if "  " in text or "\n" in text]
-
-
-@pytest.mark.parametrize("slug", SLUGS)
-def test_figures_name_claims_that_the_paper_prints(slug):
-    printed = {claim.id for claim in load_published(ROOT.parents[1] / "data" / "published" / f"{slug}.yaml")}
-    assert all(printed.issuperset(figure.claims) for figure in catalogue(slug).figures.values())

@@ -42,8 +42,7 @@ def digests(run):
 
 def test_the_universe_corrected_is_the_reading_and_another_one_is_the_inputs_that_it_sets(evaluator):
     study = evaluator.study
-    reading = study.resolver.limited(study.readings["corrected"], *study.limits[0])
-    reading = study.resolver.limited(reading, *study.limits[1])
+    reading = study.limited(study.readings["corrected"])
     assert digests(evaluator.run(CORRECTED)) == digests(Run.of(evaluator.paper, reading.inputs, Memory()))
     printed = study.readings["printed"].inputs.entry.initial_velocity_angle
     values = reading.inputs.plain() | {"entry.initial_velocity_angle": printed}
@@ -123,9 +122,8 @@ def test_named_readings_are_evaluated_beside_their_universes_in_any_number_of_ch
     assert study.assignment_of("target4") == {"downrange_target_variance": "four"}
     small = copy(evaluator)
     small.study = replace(study, points=("printed_eq46", "plus_sign"))
-    limited = study.resolver.limited(
-        study.readings["plus_sign"], {"ensemble": {"large_trials": 1.0, "trials": 50.0}}, Place("size")
-    )
+    few = ({"ensemble": {"large_trials": 1.0, "trials": 50.0}}, Place("size"))
+    limited = replace(study, limits=(few,)).limited(study.readings["plus_sign"])
     small.study = replace(small.study, readings={**study.readings, "plus_sign": limited})
     universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"noise_unit": "newton"})]
     table, points = zip(*(chunk_of(small, universes, chunk, 2, "") for chunk in range(2)), strict=True)

@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError
@@ -21,10 +19,9 @@ from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.report.one_line import with_unit
-from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, half_digit, size_of_change
-from marsedl.replication.universes.what_if import Moved
+from marsedl.replication.universes.table import VERDICTS, Numbers, Universes, components_of, decoded, numbers_of
+from marsedl.replication.universes.what_if import Moved, moves_of
 
-_UNIVERSE = "universe:"
 _TEMPLATE = Path(__file__).with_name("compare.html.j2")
 
 
@@ -34,16 +31,8 @@ class Side(NamedTuple):
     name: str
     inputs: Mapping[str, str]
     verdicts: Mapping[str, str]
-    numbers: Mapping[str, tuple[float, float, float]]  # value, error and limit by component, such as "mean[1]"
+    numbers: Numbers
     figures: Path | None = None
-
-
-class Changed(NamedTuple):
-    """An input that differs."""
-
-    name: str
-    before: str
-    after: str
 
 
 class Difference(NamedTuple):
@@ -51,31 +40,28 @@ class Difference(NamedTuple):
 
     before: Side
     after: Side
-    inputs: list[Changed]
+    inputs: dict[str, tuple[str, str]]
     moved: list[Moved]
     alone: list[str]
 
 
-def of_reading(name: str, study: Study, rows: Sequence[Claim], figures: Path) -> Side:
-    """Return a reading, or a named point, of a build; rows: the paper's claims; figures: the folder of its figures.
+def side_of(name: str | int, study: Study, build: Path) -> Side:
+    """Return a reading, a named point, or a universe by its number; build: with claims, universes and figures.
 
-    Raises InputError if its claims are not built.
+    Raises InputError if its claims, or universes, are not built.
     """
+    if isinstance(name, int):
+        return of_universe(name, study, build / f"report/universes/{study.paper}.h5")
+    path, figures = build / f"report/claims/{study.paper}.json", build / "figures" / study.paper
+    if not path.exists():
+        raise InputError(f"{path} is missing; run 'snakemake report/claims/{study.paper}.json'")
+    rows = read_claims(path)
     results = {row.id: row.readings[name] for row in rows if name in row.readings and row.readings[name].verdict}
     if not results:
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
     numbers = {}
     for row in rows:
-        if (one := results.get(row.id)) is None:
-            continue
-        if row.is_statement:
-            margin = one.margin
-            found = {(): (margin.value, margin.standard_error or 0.0, margin.limit)} if margin else {}
-        else:
-            values, printed = flatten(one.value), flatten(row.printed)
-            errors = broadcast(one.standard_error, values)
-            found = {at: (values[at], errors[at] or 0.0, printed[at]) for at in printed if is_number(values.get(at))}
-        numbers |= {row.id + "".join(f"[{i + 1}]" for i in at): those for at, those in found.items()}
+        numbers |= numbers_of(row, results[row.id]) if row.id in results else {}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
@@ -103,7 +89,7 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
 
 
 def of_universe(number: int, study: Study, path: Path) -> Side:
-    """Return a universe of a build; path: the table of universes. Raises InputError if it is not there."""
+    """Return a universe of a build; path: the table of universes."""
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
     table = store.load(path, Universes, paper=study.paper)
@@ -124,23 +110,22 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
 
 def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
     """Return what moves of the claims that both evaluate: verdicts first, then by standard errors."""
-    nothing, found = (math.nan, 0.0, math.nan), []
+    found = []
     for claim in published:
-        old, new = before.verdicts.get(claim.id, "none"), after.verdicts.get(claim.id, "none")
-        numbers = []
-        for label, index in components_of(claim) if "none" not in (old, new) else ():
-            a, b = before.numbers.get(label, nothing), after.numbers.get(label, nothing)
-            size = size_of_change(a, b, half_digit(claim, index))
-            if old != new or (size > 0.0 and not math.isclose(a[0], b[0])):  # what the last digits do is no move
-                numbers.append(Moved(claim.id, label, a[0], b[0], math.hypot(a[1], b[1]), old, new, size))
-        numbers.sort(key=_largest_first)
-        found += numbers[:1] if old != new else numbers  # of a verdict that changes, the number that moves most
+        old, new = (side.verdicts.get(claim.id, "none") for side in (before, after))
+        if "none" in (old, new):
+            continue
+        moves = sorted(moves_of(claim, before.numbers, after.numbers, old, new), key=_largest_first)
+        if old != new:
+            found += moves[:1]  # of a verdict that changes, the number that moves most
+        else:  # what the last digits do is no move
+            found += [one for one in moves if one.size > 0.0 and not math.isclose(one.before, one.after)]
     return sorted(found, key=_largest_first)
 
 
-def numbers_of(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
+def in_digits(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
     """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
-    units, at = claim.unit.split(", "), [label for label, _ in components_of(claim)].index(one.component)
+    units, at = claim.unit.split(", "), [label for label, *_ in components_of(claim)].index(one.component)
     unit = units[at % len(units)]
     for digits in (4, 6, 10):
         texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
@@ -159,7 +144,7 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
 
     name: "READING", "universe:12", "FOLDER:READING" or "FOLDER:universe:12". Raises InputError if there is no such one.
     """
-    folder, is_universe, number = name.rpartition(_UNIVERSE)
+    folder, is_universe, number = name.rpartition("universe:")
     if is_universe:
         if not number.isdecimal() or (folder and not folder.endswith(":")):
             raise InputError(f"'{name}': write universe:NUMBER or FOLDER:universe:NUMBER, such as universe:12")
@@ -168,31 +153,17 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
     return Path(folder) if folder else None, study.reading(reading).name
 
 
-def side_of(of: str | int, study: Study, build: Path) -> Side:
-    """Return a reading, or a universe by its number; build: the folder with claims, universes and figures."""
-    paper = study.paper
-    if isinstance(of, int):
-        return of_universe(of, study, build / f"report/universes/{paper}.h5")
-    path = build / f"report/claims/{paper}.json"
-    if not path.exists():
-        raise InputError(f"{path} is missing; run 'snakemake report/claims/{paper}.json'")
-    return of_reading(of, study, read_claims(path), build / "figures" / paper)
-
-
 def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
     """Return what moved between two sides."""
     names = dict.fromkeys([*before.inputs, *after.inputs])
-    pairs = [Changed(name, before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names]
-    changed, alone = [one for one in pairs if one.before != one.after], before.verdicts.keys() ^ after.verdicts.keys()
-    return Difference(before, after, changed, moved_claims(before, after, published), sorted(alone))
+    pairs = {name: (before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names}
+    changed = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    alone = sorted(before.verdicts.keys() ^ after.verdicts.keys())
+    return Difference(before, after, changed, moved_claims(before, after, published), alone)
 
 
 def write_page(
-    path: Path,
-    paper: Paper,
-    difference: Difference,
-    published: Sequence[PublishedClaim],
-    is_stale: Callable[[Path], bool],
+    path: Path, paper: Paper, difference: Difference, published: Sequence[PublishedClaim], is_stale: Callable[..., bool]
 ) -> list[Path]:
     """Write one page, which needs no other file, with what moved and the figures that both have, side by side.
 
@@ -201,22 +172,18 @@ def write_page(
     import jinja2  # slow to import, and only needed here
 
     sides = difference.before, difference.after
-    pairs = {
-        stem: [side.figures / f"{stem}.png" for side in sides]
-        for stem in (paper.figures if all(side.figures for side in sides) else ())
-    }
+    drawn = paper.figures if all(side.figures for side in sides) else ()  # universes have no figures
+    pairs = {stem: [side.figures / f"{stem}.png" for side in sides] for stem in drawn}
     absent = [one for pair in pairs.values() for one in pair if not one.exists() or is_stale(one)]
     shown = {stem: pair for stem, pair in pairs.items() if not {*pair} & {*absent}}
-    template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
-        _TEMPLATE.read_text(encoding="utf-8")
-    )
-    text = template.render(
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    text = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
         paper=paper,
         **difference._asdict(),
         printed={one.id: one for one in published},
         pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
         left_out=[stem for stem in pairs if stem not in shown],
-        numbers_of=numbers_of,
+        in_digits=in_digits,
         words=in_words,
     )
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -88,9 +88,8 @@ def accept_numbers(table: Path, path: Path) -> str:
     """Store a table as reference; returns what was written, in a line."""
     found = read_table(table)
     if path.is_dir():
-        raise InputError(
-            f"{path} is a folder; --reference takes a file with --numbers, such as {path / 'numbers.json'}"
-        )
+        example = path / "numbers.json"
+        raise InputError(f"{path} is a folder; --reference takes a file with --numbers, such as {example}")
     lines = [f" {json.dumps(name)}: {json.dumps(entry._asdict())}" for name, entry in found.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
@@ -103,8 +102,7 @@ def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
     A number may move by some standard errors of the difference, and by rounding. A unit that changes and a number that
     is gone fail; a number that is new is said.
     """
-    found, accepted = read_table(table), read_reference(path)
-    moved, notes = [], []
+    found, accepted, moved, notes = read_table(table), read_reference(path), [], []
     for name, old in accepted.items():
         new = found.get(name)
         if new is None or new.unit != old.unit:
@@ -118,15 +116,15 @@ def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
             moved.append((apart / far if far else math.inf, (name, str(old), str(new), share)))
         if new.standard_error > GROWN * old.standard_error > 0:
             notes.append(f"{name}: its standard error grew from {old.standard_error:.2g} to {new.standard_error:.2g}")
-    fresh = [name for name in found if name not in accepted]
-    notes += [f"{name}: new, not guarded before it is accepted" for name in fresh]
+    notes += [f"{name}: new, not guarded before it is accepted" for name in found if name not in accepted]
     limit = f"{standard_errors:g} standard errors"
-    head = f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ by more than {limit}"
-    rows = [row for _, row in sorted(moved, key=lambda one: -one[0])]
-    details = columns([("name", "accepted", "now", ""), *rows], 2) if rows else ""
-    text = "\n".join(part for part in (head, details, *(f"  note: {note}" for note in notes)) if part)
+    parts = [f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ by more than {limit}"]
+    if moved:
+        rows = [row for _, row in sorted(moved, key=lambda one: -one[0])]
+        parts.append(columns([("name", "accepted", "now", ""), *rows], 2))
+    text = "\n".join([*parts, *(f"  note: {note}" for note in notes)])
     print(text)
     summarize(text)
-    if rows:
+    if moved:
         print(f"if this is meant, run 'marsedl accept --numbers {table} --reference {path}'")
-    return not rows
+    return not moved

@@ -40,6 +40,8 @@ _TEXTS = (PUBLISHED, VERDICTS, COUNTEREXAMPLES)  # all others are numbers
 _ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
+Papers = Mapping[str, Shared]  # which file each artifact is, by paper
+Made = Mapping[str, dict]  # what each paper is made from, see `made_from`
 
 
 def fingerprints(rows: Sequence[Claim], cached: Mapping[str, Path]) -> dict[str, dict | str]:
@@ -48,12 +50,14 @@ def fingerprints(rows: Sequence[Claim], cached: Mapping[str, Path]) -> dict[str,
     rows: the paper's claims. cached: files of artifacts by "reading/artifact"; several readings may share one.
     """
     fields = cache(_reduced_fields)
-    entries = {f"{VERDICTS}{row.id}": _verdicts(row) for row in rows}
-    entries |= {f"{PUBLISHED}{row.id}": _printed(row) for row in rows}
+    verdicts, published, numbers = {}, {}, {}
     for row in rows:
+        published[f"{PUBLISHED}{row.id}"] = _printed(row)
+        verdicts[f"{VERDICTS}{row.id}"] = {name: of.verdict for name, of in row.readings.items() if of.verdict}
         for reading, result in row.readings.items():
             if result.value is not None and not isinstance(result.value, str):
-                entries[f"claims/{row.id}/{reading}"] = _reduced(np.array(result.value))
+                numbers[f"{_CLAIMS}{row.id}/{reading}"] = _reduced(np.array(result.value))
+    entries = verdicts | published | numbers
     for artifact, path in cached.items():
         entries |= {f"{artifact}/{name}": numbers for name, numbers in fields(path).items()}
     return entries
@@ -65,25 +69,16 @@ def made_from(root: Path, paper: Paper, study: Study, size: str) -> dict:
     Holds the size, the inputs by reading as they are written (of others than `corrected`, those that differ from it),
     digests of the code behind the stages and the claims, and the versions of the libraries.
     """
-    written = {
-        name: {key: source.written for key, source in reading.sources.items()}
-        for name, reading in study.readings.items()
-    }
-    base, sources = written[CORRECTED], fingerprints_of(root)
-    entries = {name: stage.entries for name, stage in paper.stages.items()}
+    base = {key: source.written for key, source in study.readings[CORRECTED].sources.items()}
+    inputs = {CORRECTED: base}
+    for name, reading in study.readings.items():
+        written = {key: source.written for key, source in reading.sources.items()}
+        inputs.setdefault(name, {key: one for key, one in written.items() if key not in base or base[key] != one})
+    sources, entries = fingerprints_of(root), {name: stage.entries for name, stage in paper.stages.items()}
     entries["claims"] = [*sources.functions(f"marsedl.papers.{paper.slug}.claims")]
+    code = {name: recipe_digest([sources.code(entry) for entry in of]) for name, of in entries.items()}
     libraries = frozenset().union(*(sources.libraries(entry) for of in entries.values() for entry in of))
-    made = {
-        "size": size,
-        "inputs": {CORRECTED: base}
-        | {
-            name: {key: value for key, value in inputs.items() if key not in base or base[key] != value}
-            for name, inputs in written.items()
-            if name != CORRECTED
-        },
-        "code": {name: recipe_digest([sources.code(entry) for entry in of]) for name, of in entries.items()},
-        "libraries": versions_used(libraries),
-    }
+    made = {"size": size, "inputs": inputs, "code": code, "libraries": versions_used(libraries)}
     return json.loads(json.dumps(made))
 
 
@@ -101,11 +96,6 @@ def causes(old: Mapping, new: Mapping) -> list[str]:
     before, after = (side["libraries"].split(", ") for side in (old, new))
     lines += [f"library {name}" for name in after if name not in before]
     return lines
-
-
-def _verdicts(row: Claim) -> dict[str, str]:
-    """The verdicts on a claim, without those readings that do not evaluate it."""
-    return {reading: result.verdict for reading, result in row.readings.items() if result.verdict}
 
 
 def _printed(row: Claim) -> str:
@@ -140,7 +130,7 @@ def _reduced(array: np.ndarray) -> dict:
 
 
 def margins_of(name: str, reference: Mapping, values: Mapping) -> np.ndarray:
-    """Return how far each number of a field's two reductions moved, in tolerances; infinite for another shape."""
+    """Return how far each number of a field moved, in tolerances; infinite for another shape."""
     if reference["shape"] != values["shape"] or len(reference["numbers"]) != len(values["numbers"]):
         return np.array([np.inf])
     a, b = np.array(reference["numbers"]), np.array(values["numbers"])
@@ -178,7 +168,7 @@ def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> Co
 
     noise: patterns of names of which only the shape is compared.
     """
-    names, numbers, margins, by_shape = dict.fromkeys([*reference, *build]), [], {}, set()
+    names, numbers, margins, by_shape, changes = dict.fromkeys([*reference, *build]), [], {}, set(), []
     for name in (name for name in names if not name.startswith(_TEXTS)):
         old, new, moved = reference.get(name), build.get(name), np.array([np.inf])
         if old and new:
@@ -191,12 +181,10 @@ def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> Co
         if (moved > 1).any():
             worst = int(np.argmax(moved))
             numbers.append(Change(name, _described(old, worst), _described(new, worst), float(moved[worst])))
-
-    changes = []
     for name in (name for name in names if name.startswith(_TEXTS)):
         old, new = _texts(name, reference.get(name)), _texts(name, build.get(name))
         kind = PUBLISHED if name.startswith(PUBLISHED) else VERDICTS
-        for label in {**old, **new}:
+        for label in old | new:
             before, now = old.get(label, _NOTHING), new.get(label, _NOTHING)
             if before != now:
                 margin = margins.get(_CLAIMS + label.replace(", ", "/"), np.inf)
@@ -216,10 +204,10 @@ def _described(entry: Mapping | None, moment: int) -> str:
     """A reduced field in a few words: its number, the moment of an array that moved most, or its shape."""
     if entry is None:
         return _NOTHING
-    number = [f"{n:.10g}" for n in entry["numbers"][moment : moment + 1]]
-    if not entry["shape"] and number:
-        return number[0]
-    return f"shape {entry['shape']}, {f'{MOMENTS[moment]} {number[0]}' if number else 'no finite number'}"
+    if moment >= len(entry["numbers"]):
+        return f"shape {entry['shape']}, no finite number"
+    number = f"{entry['numbers'][moment]:.10g}"
+    return f"shape {entry['shape']}, {MOMENTS[moment]} {number}" if entry["shape"] else number
 
 
 def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
@@ -233,9 +221,9 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
     kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
     claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
     inner = [change for change in numbers if not change.name.startswith(_CLAIMS)]
-    shown_claims, shown_inner = (claims, inner) if all_of_them else (claims[:_ROWS], [])
+    shown_ones = [*claims, *inner] if all_of_them else claims[:_ROWS]
     lines = [("claim or field", "accepted", "now", "apart")]
-    for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_claims, *shown_inner]:
+    for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_ones]:
         apart, error = "", errors.get(change.name)
         if np.isfinite(change.margin) and error and isinstance(error, int | float):
             off = abs(float(change.new) - float(change.old)) / float(np.sqrt(2.0) * error)
@@ -248,9 +236,9 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
         lines.append((named, change.old, change.new, apart))
     parts = [columns(lines, 2)] if len(lines) > 1 else []
     artifacts = len({change.name.rpartition("/")[0] for change in inner})
-    folded = [f"{plural(len(claims) - _ROWS, 'number')} of claims more"] * (len(claims) > len(shown_claims))
-    folded += [f"{plural(len(inner), 'number')} of {plural(artifacts, 'artifact')}"] * (len(inner) > len(shown_inner))
-    if folded:
+    folded = [f"{plural(len(claims) - _ROWS, 'number')} of claims more"] * (len(claims) > _ROWS)
+    folded += [f"{plural(len(inner), 'number')} of {plural(artifacts, 'artifact')}"] * bool(inner)
+    if folded and not all_of_them:
         parts.append(f"  and {' and '.join(folded)}; --all shows them")
     return "\n".join(parts)
 
@@ -265,47 +253,32 @@ def check_size(root: Path, slugs: Iterable[str], folder: Path | None, size: str)
 
 
 def compare_reference(
-    root: Path,
-    build: Path,
-    papers: Mapping[str, Shared],
-    made: Mapping[str, dict],
-    folder: Path | None = None,
-    *,
-    all_of_them: bool = False,
+    root: Path, build: Path, papers: Papers, made: Made, folder: Path | None = None, *, all_of_them: bool = False
 ) -> bool:
     """Compare a build with reference numbers; prints what changed before it, then the claims and the worst margin.
 
-    papers: which file each artifact is, by paper. made: what each paper is made from, see `made_from`.
     folder: holds a reference of the user's own; without it, the build is compared with the committed numbers and
     counterexamples, and is refused as well if a verdict is not explained.
-    all_of_them: show the fields of artifacts that moved.
-
     Raises InputError if the reference has readings that are not built.
     """
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
         reference = committed.read_reference(root, slug, folder)
-        rows = read_claims(build / f"report/claims/{slug}.json")
-        found = _found(build, shared, rows, folder)
+        rows, found, refused = _found(build, shared, folder)
         if accepted := reference.pop(BUILD, None):
             reasons += [f"  {slug}, {line}" for line in causes(accepted, made[slug])]
         if lost := _readings_of(reference) - _readings_of(found):
-            raise InputError(
-                f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}, not built here; "
-                f"give the --configfile that holds it, or accept"
-            )
+            has = f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}"
+            raise InputError(f"{has}, not built here; give the --configfile that holds it, or accept")
         new = (_readings_of(found) - _readings_of(reference)) & shared.study.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
-        without_reason = unexplained(rows) if folder is None else []
-        lines = [_summary(slug, comparison)]
-        lines += [f"  {slug}: claim {claim} differs or fails without a reason that names an erratum"
-                  for claim in without_reason]  # fmt: skip
+        lines = [_summary(slug, comparison), *(f"  {text}" for text in refused)]
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
         if comparison.changes:
             lines.append(format_changes(comparison, rows, all_of_them=all_of_them))
             details.append(format_changes(comparison, rows))
         tables.append("\n".join(lines))
-        agree = agree and not comparison.changes and not without_reason
+        agree = agree and not comparison.changes and not refused
     head = ["changed since these numbers were accepted:", *reasons] if reasons else []
     text = "\n".join([*head, *tables])
     print(text)
@@ -332,31 +305,19 @@ def _without(entries: Entries, readings: Iterable[str]) -> Entries:
     return left
 
 
-def accept_reference(
-    root: Path,
-    build: Path,
-    papers: Mapping[str, Shared],
-    made: Mapping[str, dict],
-    folder: Path | None = None,
-) -> list[Path]:
+def accept_reference(root: Path, build: Path, papers: Papers, made: Made, folder: Path | None = None) -> list[Path]:
     """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
 
-    Of a first reference, or one of another size, it prints how many verdicts and numbers it holds.
-
-    Numbers within tolerance keep their stored digits, so that the files show what moved and nothing else. The page on
-    verdicts gets a row for each verdict of `corrected` that turned.
-
+    Of a first reference, or one of another size, it prints how many verdicts and numbers it holds. Numbers within
+    tolerance keep their stored digits, so that the files show what moved and nothing else. The page on verdicts gets a
+    row for each verdict of `corrected` that turned.
     Returns the files. Raises MarsedlError, and writes nothing, if a verdict of the committed numbers is not explained.
     """
     texts, turned = {}, []
     for slug, shared in papers.items():
-        rows = read_claims(build / f"report/claims/{slug}.json")
-        for claim in unexplained(rows) if folder is None else ():
-            raise MarsedlError(
-                f"{slug}: claim {claim} differs or fails without a reason that names an erratum; "
-                f"state it in src/marsedl/papers/{slug}/claims first"
-            )
-        path, found = committed.reference_file(root, slug, folder), _found(build, shared, rows, folder)
+        path, (rows, found, refused) = committed.reference_file(root, slug, folder), _found(build, shared, folder)
+        if refused:
+            raise MarsedlError(f"{refused[0]}; state it in src/marsedl/papers/{slug}/claims first")
         reference = committed.read_reference(root, slug, folder) if path.exists() else {}
         accepted = reference.pop(BUILD, None)
         if accepted and accepted["size"] != made[slug]["size"]:
@@ -404,17 +365,23 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     return root / COMMITTED_INPUTS
 
 
-def _found(build: Path, shared: Shared, rows: Sequence[Claim], folder: Path | None) -> dict[str, dict | str]:
-    """What is compared with a reference: with the committed one, also what each counterexample turns a verdict into."""
-    files = {}
+def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim], dict[str, dict | str], list[str]]:
+    """A build's claims, what of it is compared with a reference, and which verdicts are refused.
+
+    With the committed reference, what each counterexample turns a verdict into is compared, too, and verdicts without
+    the reason that they need are refused.
+    """
+    slug, files = shared.paper.slug, {}
+    rows = read_claims(build / f"report/claims/{slug}.json")
     for reading in sorted(shared.study.built):
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
     entries = fingerprints(rows, files)
-    if folder is None:
-        path = build / f"report/counterexamples/{shared.paper.slug}.json"
-        turned = read_parts(Counterexample, path)
-        entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
-    return entries
+    if folder is not None:
+        return rows, entries, []
+    turned = read_parts(Counterexample, build / f"report/counterexamples/{slug}.json")
+    entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
+    reason = "differs or fails without a reason that names an erratum"
+    return rows, entries, [f"{slug}: claim {claim} {reason}" for claim in unexplained(rows)]
 
 
 def _summary(slug: str, comparison: Comparison) -> str:

@@ -39,8 +39,7 @@ def copy_tree(root: Path, destination: Path) -> Path:
         if (root / name).is_file():
             shutil.copy2(root / name, destination / name)
         elif (root / name).exists():
-            ignore = shutil.ignore_patterns("__pycache__", "*.partial")
-            shutil.copytree(root / name, destination / name, ignore=ignore)
+            shutil.copytree(root / name, destination / name, ignore=shutil.ignore_patterns("__pycache__", "*.partial"))
     return destination
 
 

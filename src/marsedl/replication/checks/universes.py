@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from marsedl.replication.records import store
-from marsedl.replication.universes.judging import COMMITTED
+from marsedl.replication.universes.judging import COMMITTED, of_one_world
 from marsedl.replication.universes.table import Universes
 
 BUILT, WAVES = "report/universes/{}.h5", "report/universes/waves/{}.h5"
@@ -24,7 +24,7 @@ def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
         committed, built = root / COMMITTED / f"{slug}.h5", build / BUILT.format(slug)
         if not committed.exists() or not built.exists():
             continue
-        if not _of_one_world(committed, built):
+        if not of_one_world(committed, built):
             print(f"{slug}: the committed universes are of other inputs or code; see docs/universes.md to renew them")
             continue
         large, small = (store.load(path, Universes, paper=slug) for path in (committed, built))
@@ -61,13 +61,8 @@ def accept_universes(root: Path, build: Path, slugs: Iterable[str]) -> list[Path
     stored = []
     for slug in slugs:
         waves, built, path = build / WAVES.format(slug), build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
-        if waves.exists() and built.exists() and _of_one_world(waves, built):
+        if waves.exists() and built.exists() and of_one_world(waves, built):
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(waves, path)
             stored.append(path)
     return stored
-
-
-def _of_one_world(first: Path, second: Path) -> bool:
-    """Whether two tables were computed from the same inputs and code."""
-    return store.provenance(first)["world"] == store.provenance(second)["world"]

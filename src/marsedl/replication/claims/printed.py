@@ -1,5 +1,6 @@
 """What a paper prints: its claims, from `data/published/<paper>.yaml`."""
 
+import csv
 import math
 import re
 from collections.abc import Callable
@@ -133,10 +134,9 @@ def load_published(path: str | Path) -> list[PublishedClaim]:
 
 def load_measured(path: str | Path, paper: str) -> dict[str, float]:
     """Read what the benchmarks of a paper measured, by what they are of; raises InputError naming the file."""
-    from marsedl.replication.records.tables import read_table  # slow to import, and only needed here
-
     try:
-        return {quantity: float(value) for of, quantity, value, *_ in read_table(path)[1:] if of == paper}
+        rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))[1:]
+        return {quantity: float(value) for of, quantity, value, *_ in rows if of == paper}
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
 

@@ -1,20 +1,8 @@
 """Choices: what is doubted about a paper, with the alternatives that each doubt admits.
 
 A choice is an erratum (printed or corrected), something that the paper withholds, a misprint that is searched apart, or
-a numerical setting that the paper leaves open. It names the inputs that each of its values sets:
-
-    choices:
-      initial_descent:
-        asks: Does the vehicle start upwards or downwards?
-        because: E5
-        values:
-          printed: {entry: {initial_velocity_angle_deg: {value: 70.0, source: Eq. 51}}}
-          corrected: {entry: {initial_velocity_angle_deg: {value: 110.0, source: "assumed: descending"}}}
-      density_variance_factor:
-        asks: How large is the density variation?
-        because: withheld
-        entered: after a result had shown its effect
-        range: {input: air.variance_at_top, factor: [0.5, 4.0], scale: log}
+a numerical setting that the paper leaves open. It names the inputs that each of its values sets, or gives the range of
+one; docs/universes.md shows how it is written.
 
 An assignment gives some choices a value: the name of an alternative, or a number of the range. It is applied to the
 inputs of the reading `corrected`; a choice that it leaves out stays as it is there.
@@ -28,14 +16,26 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from marsedl.replication.errors import InputError, nearest, shown
-from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.messages import Keys, Place
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.sources import Source, in_si, inputs_set
-from marsedl.replication.inputs.written import WrittenRange
 
-ERRATUM, WITHHELD, MISPRINT, SETTING = "erratum", "withheld", "misprint", "setting"
+WITHHELD, MISPRINT, SETTING = "withheld", "misprint", "setting"
 Value = str | float  # of a choice: the name of an alternative, or a number of its range
 Assignment = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where an input comes from: key, value and unit as written, the reading that sets it, and the value in SI."""
+
+    key: str
+    written: object
+    unit: str
+    source: str
+    reading: str
+    value: object
+
+
 Sources = Mapping[str, Source]  # inputs by "section.name"
 
 
@@ -73,10 +73,8 @@ class Range:
 
     def of(self, value: object) -> float:
         """Return the number at which an input has a value in SI, or 1 if the numbers are factors."""
-        if self.is_factor:
-            return 1.0
-        entries = np.array(value, dtype=float)
-        return float(entries[() if self.component is None else self.component]) / self.to_si
+        entry = np.array(value, dtype=float)[() if self.component is None else self.component]
+        return 1.0 if self.is_factor else float(entry) / self.to_si
 
 
 @dataclass(frozen=True)
@@ -101,14 +99,13 @@ class Choice:
 
     @property
     def kind(self) -> str:
-        """Whether it is an erratum, withheld, a misprint, or a setting."""
-        first = self.because.split()[0].strip(":,.")
-        return first if first in (WITHHELD, MISPRINT, SETTING) else ERRATUM
+        """Whether it is withheld, a misprint, or a setting; else the id of an erratum."""
+        return self.because.split()[0].strip(":,.")
 
     @property
     def erratum(self) -> str:
         """The id of its erratum, or nothing."""
-        return self.because.split()[0].strip(":,.") if self.kind == ERRATUM else ""
+        return "" if self.kind in (WITHHELD, MISPRINT, SETTING) else self.kind
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -125,7 +122,7 @@ class Choice:
                 raise InputError(f"{problem}; {nearest(str(value), self.alternatives)}")
             return str(value)
         try:
-            number = float(typing.cast(float, value))
+            number = float(value)
         except (TypeError, ValueError):
             number = math.nan
         if not self.range.low <= number <= self.range.high:
@@ -137,7 +134,8 @@ class Choice:
         """Return inputs, by "section.name", with a value of the choice."""
         if self.range is None:
             return {**sources, **self.alternatives[str(value)]}
-        name = self.range.input
+        if (name := self.range.input) not in sources:  # of an incomplete reading, which is refused as such
+            return dict(sources)
         return {**sources, name: self.range.applied(sources[name], float(value), self.name)}
 
     def value_in(self, sources: Sources, base: Sources) -> Value | None:
@@ -176,11 +174,18 @@ class Choices:
         """Return the value of a choice that an assignment leaves out."""
         return self.base.get(choice.name, choice.corrected)
 
-    def placed(self, printed: Sources, corrected: Sources) -> "Choices":
-        """Return the choices with their values in two readings, of which the inputs are given by "section.name"."""
-        values = {one.name: (one.value_in(corrected, corrected), one.value_in(printed, corrected)) for one in self}
-        placed = {one.name: replace(one, corrected=values[one.name][0], printed=values[one.name][1]) for one in self}
-        return Choices(placed, self.base)
+    def placed(self, printed: Sources, corrected: Sources, place: Place) -> "Choices":
+        """Return the choices with their values in two readings; InputError for a range of what is no number."""
+        placed = {}
+        for one in self:
+            try:
+                values = one.value_in(printed, corrected), one.value_in(corrected, corrected)
+            except (IndexError, TypeError, ValueError):
+                problem = f"is of no number in {one.range.input}"
+                remedy = "name one of a list by 'component', and none of a single number"
+                raise InputError(f"{place / one.name / 'range'}: {problem}; {remedy}") from None
+            placed[one.name] = replace(one, printed=values[0], corrected=values[1])
+        return Choices(placed)
 
     def checked(self, assignment: Mapping[str, object], place: object = "") -> dict[str, Value]:
         """Return an assignment in the order of the choices; raises InputError for an unknown choice or value."""
@@ -215,17 +220,7 @@ class Choices:
 
 
 def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Place) -> Choices:
-    """Return the choices of a paper from what is written.
-
-    Args:
-        written: `written_choices` of the model.
-        model: the paper's typed inputs.
-        place: where they are written.
-
-    Raises:
-        InputError: one message with file, line, key, what is wrong and the remedy.
-
-    """
+    """Return the choices of a paper from what is written, as `written_choices` of its typed inputs."""
     found = {name: _choice(name, one, model, place / name) for name, one in written.items()}
     setters: dict[str, Choice] = {}
     for one in found.values():
@@ -236,10 +231,6 @@ def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Pl
             for value in those:
                 if value not in (names := found[other].alternatives):
                     raise InputError(f"{at}: {other} has no value {shown(value)}; {nearest(value, names)}")
-        for value in one.apart:
-            if value not in one.alternatives:
-                at = place / one.name / "apart"
-                raise InputError(f"{at}: there is no value {shown(value)}; {nearest(value, one.alternatives)}")
         for name in one.inputs if not (one.range and one.range.is_factor) else ():
             key = f"{name}[{one.range.component}]" if one.range and one.range.component is not None else name
             if key in setters and setters[key].name not in one.only_if and one.name not in setters[key].only_if:
@@ -251,13 +242,41 @@ def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Pl
 def _choice(name: str, written: typing.Any, model: type[Inputs], place: Place) -> Choice:
     if bool(written.values) == (written.range is not None):
         raise InputError(f"{place}: give either 'values' or 'range'")
+    at, limits = place / "values", None
     if written.values and len(written.values) < 2:
-        raise InputError(f"{place / 'values'}: a choice needs at least two values")
-    at = place / "values"
+        raise InputError(f"{at}: a choice needs at least two values")
     alternatives = {value: inputs_set(model, body, name, at / value) for value, body in written.values.items()}
-    limits = _range(written.range, model, place / "range") if written.range else None
+    for value in written.apart:
+        if value not in alternatives:
+            raise InputError(f"{place / 'apart'}: there is no value {shown(value)}; {nearest(value, alternatives)}")
+    if one := written.range:
+        key, source = source_of_key(model, one.input, 1.0, place / "range" / "input")
+        low, high = one.between or one.factor
+        limits = Range(key, one.component, low, high, one.factor is not None, one.scale, source.value, one.source)
     about = written.asks, written.because, written.entered, written.only_if
     return Choice(name, *about, alternatives, limits, tuple(written.apart))
+
+
+def inputs_set(model: type[Inputs], body: Keys, name: str, place: Place) -> dict[str, Source]:
+    """Return the inputs that a reading or an alternative sets, by "section.name"; `name` is what sets them."""
+    found: dict[str, Source] = {}
+    for section, of in model.sections().items():
+        for key, entry in getattr(body, section).items():
+            (field, factor, unit), at = of.keys()[key], place / section / key
+            if entry.unit not in ("", unit):
+                raise InputError(f"{at / 'unit'}: is {shown(entry.unit)}, must be '{unit}'")
+            source = Source(key, entry.value, unit, entry.source, name, in_si(entry.value, factor))
+            if (other := found.setdefault(f"{section}.{field}", source)) is not source:
+                raise InputError(f"{at}: '{field}' is set twice, also as '{other.key}'")
+    return found
+
+
+def in_si(value: object, factor: float) -> object:
+    """Return a value in SI; what is no number is left to its section to refuse."""
+    if isinstance(value, list):
+        return [in_si(entry, factor) for entry in value]
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value * factor if is_number and factor != 1.0 else value
 
 
 def source_of_key(model: type[Inputs], key: str, value: object, place: object = "universe") -> tuple[str, Source]:
@@ -271,14 +290,6 @@ def source_of_key(model: type[Inputs], key: str, value: object, place: object = 
     section, (target, factor, unit) = keys[key]
     written = key.partition(".")[2]
     return f"{section}.{target}", Source(written, value, unit, "given by hand", str(place), in_si(value, factor))
-
-
-def _range(written: WrittenRange, model: type[Inputs], place: Place) -> Range:
-    name, source = source_of_key(model, written.input, 1.0, place / "input")
-    low, high = written.between or written.factor
-    is_factor = written.factor is not None
-    to_si = typing.cast(float, source.value)
-    return Range(name, written.component, low, high, is_factor, written.scale, to_si, written.source)
 
 
 def in_words(name: object) -> str:

@@ -16,10 +16,9 @@ from pydantic import ValidationError
 
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs import CORRECTED, PRINTED
-from marsedl.replication.inputs.choices import Assignment, Choices, of_written, source_of_key
+from marsedl.replication.inputs.choices import Assignment, Choices, Sources, inputs_set, of_written, source_of_key
 from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.inputs.sources import Source, inputs_set
 from marsedl.replication.inputs.written import Settings, WrittenReading, configuration, own_configuration
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
@@ -27,6 +26,7 @@ from marsedl.replication.sizes import FULL
 SMALL = 2  # universes of each design of a smaller size
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
 SETTINGS = tuple(Settings.model_fields)  # at the top of a user's configuration, beside the papers
+Limits = Mapping[str, Mapping[str, float]]  # by section and input: the number that no number of the input may exceed
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,7 @@ class Reading:
     based_on: str | None
     frozen: str
     inputs: Inputs
-    sources: dict[str, Source]
-
-    def slice(self, names: Iterable[str]) -> dict:
-        """Return inputs by "section.name" as plain numbers, strings and nested lists, in the order of their names."""
-        values = self.inputs.plain()
-        return {name: values[name] for name in sorted(names)}
+    sources: Sources
 
     def trial_counts(self) -> dict[str, int]:
         """Return the Monte Carlo cases with their numbers of trials; a case without trials is left out."""
@@ -77,8 +72,8 @@ class Study:
     # How many universes fill the space, which choices are varied by themselves (None: all), in how many at most.
     designs: tuple[int, typing.Sequence[str] | None, int | None] = (0, None, None)
     universe_jobs: int = 1
-    resolver: typing.Any = field(default=None, repr=False, compare=False)
-    limits: tuple[tuple[Mapping, Place], ...] = ()
+    root: Path = Path()  # of the files that inputs name
+    limits: tuple[tuple[Limits, Place], ...] = ()
 
     def reading(self, name: str) -> Reading:
         """Return a reading; raises InputError if there is none of this name."""
@@ -93,28 +88,24 @@ class Study:
         return {name: value for name, (value, default) in values.items() if value not in (None, default)}
 
     def universe(self, assignment: Assignment, inputs: Mapping[str, object] = {}, seed: int = 0) -> Reading:
-        """Return `corrected` with values of choices, and with the numbers of trials of universes.
+        """Return `corrected` with values of choices by name, and with the numbers of trials of universes.
 
-        Args:
-            assignment: values of choices by name.
-            inputs: further inputs by "section.key", as they are written in a file.
-            seed: added to the seed of the random streams.
+        inputs: further ones by "section.key", as they are written in a file; seed: added to that of the random streams
 
-        Raises:
-            InputError: for an unknown choice, value or input, and for inputs that do not fit together.
-
+        Raises InputError for an unknown choice, value or input, and for inputs that do not fit together.
         """
         base = self.readings[CORRECTED]
-        sources = self.choices.applied(base.sources, assignment)
-        for key, value in inputs.items():
-            name, source = source_of_key(type(base.inputs), key, value)
-            sources[name] = source
+        model, sources = type(base.inputs), self.choices.applied(base.sources, assignment)
+        sources |= dict(source_of_key(model, key, value) for key, value in inputs.items())
         for name in [name for name in sources if name.endswith(".seed")]:
             sources[name] = replace(sources[name], value=sources[name].value + seed)
-        made = self.resolver.inputs(sources, Place("universe"))
-        reading = replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources)
-        for limits, at in self.limits:
-            reading = self.resolver.limited(reading, limits, at)
+        made = _inputs(model, self.root, sources, Place("universe"))
+        return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources))
+
+    def limited(self, reading: Reading) -> Reading:
+        """Return a reading with the limits of the size that is built and of universes."""
+        for limits, place in self.limits:
+            reading = _limited(reading, self.root, limits, place)
         return reading
 
 
@@ -123,15 +114,11 @@ def load_studies(
 ) -> dict[str, Study]:
     """Load every paper's configuration, with what a user gave on the command line or in files of their own.
 
-    Args:
-        models: the papers' typed inputs by slug.
-        root: the project's folder, which holds `configs/<slug>.yaml` and the files that inputs name by relative paths.
-        config: what the user sets (readings by paper, `size`, `chunks`), if it is not in `config_files`.
-        config_files: files of the user.
+    models: the papers' typed inputs by slug
+    root: the project's folder, which holds `configs/<slug>.yaml` and the files that inputs name by relative paths
+    config: what the user sets (readings by paper, `size`, `chunks`), if it is not in `config_files`
 
-    Raises:
-        InputError: one message with file, line, key, what is wrong and the remedy, before anything is computed.
-
+    Raises InputError with file, line, key, what is wrong and the remedy, before anything is computed.
     """
     own = own_configuration(models)
     files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
@@ -141,9 +128,11 @@ def load_studies(
     # Of several files, Snakemake does not tell which one a key is of.
     place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
     settings = checked(own, config, place)
-    studies = {slug: _study(slug, model, root, settings, place / slug, files) for slug, model in models.items()}
-    own_choices = {slug: (config.get(slug) or {}).get("choices", {}) for slug in models}
-    return {slug: replace(study, own_choices=own_choices[slug]) for slug, study in studies.items()}
+    studies = {}
+    for slug, model in models.items():
+        study = _study(slug, model, root, settings, place / slug, files)
+        studies[slug] = replace(study, own_choices=config.get(slug, {}).get("choices", {}))
+    return studies
 
 
 def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> Study:
@@ -177,36 +166,32 @@ def _study(
     path = Path("configs") / f"{slug}.yaml"
     place = Place(str(path), read_yaml(root / path))
     file, part = checked(configuration(model), place.document, place), getattr(settings, slug)
-    own = part.readings if part else {}
     bodies = {name: (place / "readings" / name, body) for name, body in file.readings.items()}
-    for name, body in own.items():
+    for name, body in part.readings.items():
         at, remedy = own_place / "readings" / name, f"choose another name and write 'based_on: {name}'"
         if bodies.setdefault(name, (at, body))[0] is not at:
             raise InputError(f"{at}: the name belongs to a reading of {path}; {remedy}")
-    choices = of_written(_joined(file.choices, part.choices if part else {}), model, place / "choices")
-    resolver = _Resolver(model, root, bodies, choices)
+    choices = of_written(_joined(file.choices, part.choices), model, place / "choices")
+    readings, left_out = _resolved(model, root, bodies, choices), set()
     if choices:
-        choices = choices.placed(resolver.readings[PRINTED].sources, resolver.readings[CORRECTED].sources)
+        choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, place / "choices")
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
-    readings, left_out = resolver.readings, set()
+    designs = (file.universes.space_filling, file.universes.one_at_a_time, None)
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place, files)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
-        readings = {name: resolver.limited(reading, limits, place) for name, reading in readings.items()}
-        bounds = [(limits, place), *bounds]
-    chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
-    built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *own))
-    designs = (file.universes.space_filling, file.universes.one_at_a_time, None)
-    if settings.size != FULL:
-        designs = (SMALL, designs[1], 1 + SMALL)
+        readings = {name: _limited(reading, root, limits, place) for name, reading in readings.items()}
+        bounds, designs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL)
     if settings.universes:
         designs = (settings.universes, None, None)
+    chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
+    built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *part.readings))
     return Study(
         *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
-        *(frozenset(own), settings.size, choices, {}, file.universes, designs),
-        *(settings.chunks or file.universes.jobs, resolver, tuple(bounds)),
+        *(frozenset(part.readings), settings.size, choices, {}, file.universes, designs),
+        *(settings.chunks or file.universes.jobs, root, tuple(bounds)),
     )
 
 
@@ -219,7 +204,7 @@ def _joined(file: Mapping[str, typing.Any], own: Mapping[str, typing.Any]) -> di
     return joined
 
 
-def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[dict[str, dict[str, float]], set[str]]:
+def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[Limits, set[str]]:
     """Return the limits of a size, by section, and the readings of the file that it does not compare."""
     if size not in file.sizes:
         hint = nearest(size, [FULL, *file.sizes])
@@ -235,75 +220,79 @@ def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[
     return limits, file.readings.keys() - set(names)
 
 
-class _Resolver:
-    """Makes the readings of a paper from what is written of them, each after the one that it is based on."""
+def _resolved(
+    model: type[Inputs], root: Path, bodies: Mapping[str, tuple[Place, WrittenReading]], choices: Choices
+) -> dict[str, Reading]:
+    """Return the readings of a paper from what is written of them, each after the one that it is based on."""
+    readings: dict[str, Reading] = {}
 
-    def __init__(
-        self, model: type[Inputs], root: Path, bodies: Mapping[str, tuple[Place, WrittenReading]], choices: Choices
-    ):
-        self._model, self._root, self._bodies, self._choices = model, root, bodies, choices
-        self.readings: dict[str, Reading] = {}
-        for name in bodies:
-            self._resolve(name)
-
-    def _resolve(self, name: str, above: tuple[str, ...] = ()) -> Reading:
+    def resolve(name: str, above: tuple[str, ...] = ()) -> Reading:
         """Return a reading; `above` are those that are based on it, directly or through others."""
-        if name in self.readings:
-            return self.readings[name]
-        (place, body), base = self._bodies[name], None
+        if name in readings:
+            return readings[name]
+        (place, body), sources = bodies[name], {}
         if body.based_on:
             at, other = place / "based_on", body.based_on
-            if other not in self._bodies:
-                raise InputError(f"{at}: there is no reading {shown(other)}; {nearest(other, self._bodies)}")
+            if other not in bodies:
+                raise InputError(f"{at}: there is no reading {shown(other)}; {nearest(other, bodies)}")
             if other in (name, *above):
                 problem = f"'{other}' is itself based on '{name}', directly or through others"
                 raise InputError(f"{at}: {problem}; name another reading")
-            base = self._resolve(other, (name, *above))
-        sources = dict(base.sources) if base else {}
-        for choice, value in self._choices.checked(body.choices, place / "choices").items():
-            sources = self._choices.by_name[choice].applied(sources, value)
-        sources |= inputs_set(self._model, body, name, place)
-        inputs = self.inputs(sources, place)
+            sources = dict(resolve(other, (name, *above)).sources)
+        for choice, value in choices.checked(body.choices, place / "choices").items():
+            sources = choices.by_name[choice].applied(sources, value)
+        sources |= inputs_set(model, body, name, place)
+        inputs = _inputs(model, root, sources, place)
         digest = _digest({key: source.value for key, source in sources.items()})
         if body.frozen not in ("", digest):
             raise InputError(
                 f"{place}: is frozen, and its inputs have changed (their digest is {digest}, not {body.frozen}); "
                 f"undo the change and write it into a reading of your own that is based_on: {name}"
             )
-        self.readings[name] = Reading(name, body.summary, body.based_on, body.frozen, inputs, sources)
-        return self.readings[name]
+        readings[name] = Reading(name, body.summary, body.based_on, body.frozen, inputs, sources)
+        return readings[name]
 
-    def inputs(self, sources: Mapping[str, Source], place: Place) -> Inputs:
-        """Return typed inputs from their sources; raises InputError for inputs that do not fit together."""
-        sections = {section: self._section(section, sources, place) for section in self._model.sections()}
-        for check in self._model.CHECKS:
-            try:
-                check(*(sections[parameter] for parameter in inspect.signature(check).parameters))
-            except ValueError as error:
-                raise InputError(f"{place}: {error}") from None
-        return self._model(**sections)
+    for name in bodies:
+        resolve(name)
+    return readings
 
-    def limited(self, reading: Reading, limits: Mapping[str, Mapping[str, float]], place: Place) -> Reading:
-        """Return a reading with no input, and no number in one, above its limit."""
-        sections = {name: self._section(name, reading.sources, place, of) for name, of in limits.items()}
-        return replace(reading, inputs=reading.inputs.model_copy(update=sections))
 
-    def _section(self, section: str, sources: Mapping[str, Source], place: Place, limits: Mapping = {}) -> Section:
-        of, place = self._model.sections()[section], place / section
-        if missing := [field for field in of.model_fields if f"{section}.{field}" not in sources]:
-            remedy = "give it, or name a complete reading under based_on"
-            raise InputError(f"{place}: '{missing[0]}' ({of.unit(missing[0])}) is missing; {remedy}")
-        values = {field: sources[f"{section}.{field}"].value for field in of.model_fields}
-        values |= {field: _lowered(values[field], limit) for field, limit in limits.items()}
+def _inputs(model: type[Inputs], root: Path, sources: Sources, place: Place) -> Inputs:
+    """Return typed inputs from their sources; raises InputError for inputs that do not fit together."""
+    sections = {name: _section(of, name, root, sources, place) for name, of in model.sections().items()}
+    for check in model.CHECKS:
         try:
-            return of.model_validate(values, context={"root": self._root})
-        except ValidationError as error:
-            fault = error.errors(include_url=False)[0]
-        if not fault["loc"]:
-            raise InputError(f"{place}: {sentence(fault)}")
-        field = fault["loc"][0]
-        source = sources[f"{section}.{field}"]
-        raise InputError(f"{place / source.key}: {sentence(fault, limits.get(field, source.written))}")
+            check(*(sections[parameter] for parameter in inspect.signature(check).parameters))
+        except ValueError as error:
+            raise InputError(f"{place}: {error}") from None
+    return model(**sections)
+
+
+def _limited(reading: Reading, root: Path, limits: Limits, place: Place) -> Reading:
+    """Return a reading with no input, and no number in one, above its limit."""
+    of, sources = reading.inputs.sections(), reading.sources
+    sections = {name: _section(of[name], name, root, sources, place, those) for name, those in limits.items()}
+    return replace(reading, inputs=reading.inputs.model_copy(update=sections))
+
+
+def _section(
+    of: type[Section], name: str, root: Path, sources: Sources, place: Place, limits: Mapping[str, float] = {}
+) -> Section:
+    place = place / name
+    if missing := [field for field in of.model_fields if f"{name}.{field}" not in sources]:
+        remedy = "give it, or name a complete reading under based_on"
+        raise InputError(f"{place}: '{missing[0]}' ({of.unit(missing[0])}) is missing; {remedy}")
+    values = {field: sources[f"{name}.{field}"].value for field in of.model_fields}
+    values |= {field: _lowered(values[field], limit) for field, limit in limits.items()}
+    try:
+        return of.model_validate(values, context={"root": root})
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+    if not fault["loc"]:
+        raise InputError(f"{place}: {sentence(fault)}")
+    field = fault["loc"][0]
+    source = sources[f"{name}.{field}"]
+    raise InputError(f"{place / source.key}: {sentence(fault, limits.get(field, source.written))}")
 
 
 def _lowered(value: object, limit: float) -> object:

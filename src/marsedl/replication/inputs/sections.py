@@ -106,14 +106,6 @@ def given(unit: str, meaning: str, **constraints):
     return Field(json_schema_extra={"unit": unit}, description=meaning, **constraints)
 
 
-class Key(typing.NamedTuple):
-    """What a key in a file sets: the input, the factor to SI, and the unit in which the value is written."""
-
-    name: str
-    factor: float
-    unit: str
-
-
 class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
     """Base of every section: no unknown keys, no changes after validation, no silent conversions."""
 
@@ -139,15 +131,15 @@ class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
 
     @classmethod
     @functools.cache
-    def keys(cls) -> dict[str, Key]:
-        """Return what every key that a file may use sets."""
+    def keys(cls) -> dict[str, tuple[str, float, str]]:
+        """Return what every key that a file may use sets: the input, the factor to SI, and the unit of the value."""
         accepted = {}
         for name in cls.model_fields:
             unit = cls.unit(name)
             if unit not in SUFFIX_ONLY:
-                accepted[name] = Key(name, 1.0, unit)
+                accepted[name] = name, 1.0, unit
             for suffix, factor in SUFFIXES.get(unit, {}).items():
-                accepted[name + suffix] = Key(name, factor, suffix[1:].replace("_", "/"))
+                accepted[name + suffix] = name, factor, suffix[1:].replace("_", "/")
         return accepted
 
     @classmethod
@@ -168,10 +160,6 @@ class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
                 f"'{type(self).__name__.lower()}.{name}', of a parameter annotated as {type(self).__name__}"
             )
         return super().__getattr__(name)
-
-    def __eq__(self, other):
-        """Two sections are equal if all of their inputs are."""
-        return type(self) is type(other) and self.model_dump() == other.model_dump()
 
 
 class Inputs(BaseModel, extra="forbid", frozen=True, defer_build=True):

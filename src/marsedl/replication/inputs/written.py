@@ -209,6 +209,20 @@ class WrittenChoice(Keys):
     range: WrittenRange | None = Field(None, description="numbers that an input may take, instead of values")
 
 
+class WrittenUniverses(Keys):
+    """Base of how universes are computed, as it is written."""
+
+    space_filling: int = Field(64, ge=0, description="universes of the space-filling design of a full build")
+    one_at_a_time: list[str] | None = Field(
+        None, description="choices that a full build varies by themselves; all unless given"
+    )
+    redrawn: list[str] = Field([], description="choices that are drawn again until a universe is admissible")
+    choices: dict[str, str | float] = Field({}, description="values of choices that a universe leaves out")
+    tries: int = Field(100, ge=1, description="how often at most")
+    wave: int = Field(64, ge=1, description="universes of a wave of `snakemake multiverse`")
+    jobs: int = Field(2, ge=1, description="jobs that compute them")
+
+
 def written_choices(inputs: type[Inputs]) -> typing.Any:
     """Return the type of the choices of a paper, by name."""
     sections = {name: (_section(of, inputs), Field({})) for name, of in inputs.sections().items()}
@@ -225,7 +239,7 @@ def own_configuration(models: dict[str, type[Inputs]]) -> type[Settings]:
     for slug, inputs in models.items():
         types = {"readings": (_readings(inputs), own), "choices": (written_choices(inputs), doubts)}
         part = create_model(f"OwnPartOf{inputs.__name__}", __base__=Keys, **types)
-        fields[slug] = part, Field(None, description=f"of the paper {slug}")
+        fields[slug] = part, Field(part(), description=f"of the paper {slug}")
     return create_model("Own", __base__=Settings, __doc__="Readings of your own, for --configfile.", **fields)
 
 
@@ -233,38 +247,21 @@ def configuration(inputs: type[Inputs]) -> type[Keys]:
     """Return the model of a paper's configuration: readings, chunks and smaller sizes."""
     case = Field(description="into how many jobs the trials of this case are divided")
     chunks = create_model("Chunks", __base__=Keys, **dict.fromkeys(inputs.CASES, (Chunks, case)))
+    jobs = Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none")
     section = Field({}, description="by input, the number that no number of the input may exceed")
-    limits = {
-        name: (dict[typing.Literal[tuple(of.model_fields)], Limit], section) for name, of in inputs.sections().items()
-    }
+    names = {name: typing.Literal[tuple(of.model_fields)] for name, of in inputs.sections().items()}
+    limits = {name: (dict[those, Limit], section) for name, those in names.items()}
     meaning = "the readings in which claims are evaluated; all unless given"
     both = {"allOf": [{"contains": {"const": name}} for name in (PRINTED, CORRECTED)]}
     compared = list[str], Field(None, description=meaning, json_schema_extra=both)
     size = create_model("Size", __base__=Keys, readings=compared, **limits)
     by_name = Field(description="the paper's readings by name", json_schema_extra=_NO_OTHERS)
-    universes = create_model(
-        "Universes",
-        __base__=Keys,
-        space_filling=(int, Field(64, ge=0, description="universes of the space-filling design of a full build")),
-        one_at_a_time=(
-            list[str] | None,
-            Field(None, description="choices that a full build varies by themselves; all unless given"),
-        ),
-        redrawn=(list[str], Field([], description="choices that are drawn again until a universe is admissible")),
-        choices=(dict[str, str | float], Field({}, description="values of choices that a universe leaves out")),
-        tries=(int, Field(100, ge=1, description="how often at most")),
-        wave=(int, Field(64, ge=1, description="universes of a wave of `snakemake multiverse`")),
-        jobs=(int, Field(2, ge=1, description="jobs that compute them")),
-        **limits,
-    )
+    universes = create_model("Universes", __base__=WrittenUniverses, **limits)
     return create_model(
         "Configuration",
         __base__=Keys,
         readings=(_readings(inputs), by_name),
-        chunks=(
-            chunks,
-            Field(description="jobs of each case") if inputs.CASES else Field(chunks(), description="none"),
-        ),
+        chunks=(chunks, jobs),
         choices=(written_choices(inputs), Field({}, description="what is doubted about the paper, by name")),
         universes=(universes, Field(universes(), description="how universes are computed: numbers of trials at most")),
         sizes=(dict[str, size], Field({}, description="smaller sizes of a build by name, for --config size=NAME")),

@@ -1,7 +1,6 @@
 """What every job of the workflow does around its science: load, save, and report failures."""
 
 import contextlib
-import errno
 import os
 import sys
 import traceback
@@ -14,12 +13,6 @@ from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.numerics import assert_numerics
 from marsedl.replication.pipeline.runner import computed
-
-# Errors of the system that the code does not cause, with the remedy.
-OUTSIDE = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
-    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "change its permissions and run again"),
-}
 
 
 class Job:
@@ -140,11 +133,8 @@ def _described(error: Exception, snakemake) -> str:
     """An error in one line; prints the traceback of one that is not expected."""
     if isinstance(error, SolverError) and error.iterate:
         return f"{error}{_kept_iterate(Path(snakemake.log[0]).with_suffix('.iterate.csv'), error.iterate)}"
-    if isinstance(error, MarsedlError):
+    if isinstance(error, MarsedlError | OSError):  # a full disk, say, whose message names the file
         return str(error)
-    if isinstance(error, OSError) and error.errno in OUTSIDE:
-        where = error.filename or ", ".join(snakemake.output)
-        return f"{where}: cannot be written or read ({error.strerror}): {OUTSIDE[error.errno]}"
     traceback.print_exc()
     return f"{type(error).__name__}: {error}"
 

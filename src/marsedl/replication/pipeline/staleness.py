@@ -119,14 +119,10 @@ class Recipes:
                 return self._what_decides(stem)
             case "report", "universes" | "points", *_:
                 return self._universes(stem.partition(".")[0])
-            case "report", "claims.json" | "badge.json":
+            case "report", "claims.json":
                 kinds = "claims", "counterexamples", "universes"
                 needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
                 return self._made("report/claims", needs, "all_claims.py")
-            case "report", "digests.json":
-                of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
-                of_papers += [f"report/universes/{paper}.h5" for paper in self.papers]
-                return self._made("report/digests", [*of_papers, *self.compared(), "report/claims.json"], "digests.py")
             case "report", *_:
                 return self._site()
             case _, "comparison", _:
@@ -221,13 +217,14 @@ class Recipes:
         )
 
     def _site(self) -> Made:
-        digests = "report/digests.json"
+        of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
+        of_papers += [f"report/universes/{paper}.h5" for paper in self.papers]
         packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
         files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
         closeups = [entry_of(slug, "closeups", name) for slug, paper in self.papers.items() for name in paper.closeups]
         return self._made(
-            *("report/index", [*self.job(digests).needs, digests], "report.py", *closeups),
+            *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py", *closeups),
             size=self.size,
             readings={paper: self._described(paper) for paper in self.papers},
             own={paper: study.own_choices for paper, study in self.studies.items()},

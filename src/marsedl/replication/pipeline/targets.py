@@ -13,22 +13,19 @@ from marsedl.replication.pipeline.staleness import ARTIFACTS, Recipes
 _PRODUCTS = ("figures/", ARTIFACTS, "report/claims/")  # of what a user may ask for by path
 
 
-def words_of(arguments: list[str]) -> list[str]:
-    """Return the words after the program in a command line of Snakemake; none if another program runs the workflow."""
-    program = Path(arguments[0])
-    is_snakemake = program.name == "snakemake" or program.parts[-2:] == ("snakemake", "__main__.py")
-    return arguments[1:] if is_snakemake else []
-
-
-def check_targets(words: list[str], rules: Collection[str], recipes: Recipes) -> None:
+def check_targets(command: list[str], rules: Collection[str], recipes: Recipes) -> None:
     """Raise InputError if a word is the file of a reading that shares another's, or is a target that nothing makes.
 
     Args:
-        words: after the program, see `words_of`; behind the first option they need not be targets.
+        command: the program and its words. Other programs than Snakemake have words of their own, and what stands
+            behind the first option need not be a target.
         rules: the names of all rules.
         recipes: those of all products.
 
     """
+    program, words = Path(command[0]), command[1:]
+    if program.name != "snakemake" and program.parts[-2:] != ("snakemake", "__main__.py"):
+        return
     paths = [os.path.normpath(word) for word in words]
     files = _files(recipes) if any(path.startswith(_PRODUCTS) for path in paths) else set()
     for path in paths:

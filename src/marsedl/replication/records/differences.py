@@ -1,6 +1,5 @@
 """Digests of the content of product files, and the differences between two products."""
 
-import contextlib
 import csv
 import hashlib
 import io
@@ -50,8 +49,8 @@ def digest_tree(folder: str | Path, patterns: Iterable[str]) -> dict[str, str]:
 def difference(a: str | Path, b: str | Path) -> list[str]:
     """Say in lines what differs between two files or folders, and by how much and where; no line if nothing does.
 
-    HDF5 is compared by dataset and attribute (what `digest` counts), JSON by key, CSV by column, PNG by pixel, other
-    text by line, all else by bytes.
+    HDF5 is compared by dataset and attribute (what `digest` counts), JSON by key, CSV by column, all else by bytes; of
+    other texts the first line that differs is told.
     Raises InputError if one of them is missing or if one is a folder and the other is not.
     """
     a, b = Path(a), Path(b)
@@ -80,32 +79,24 @@ def _existing_file(path: str | Path) -> Path:
     return path
 
 
-def _file_differences(a: Path, b: Path) -> list[str]:
+def _file_differences(a: Path, b: Path) -> Iterable[str]:
     if {a.suffix, b.suffix} <= set(HDF5_SUFFIXES):
-        return list(_hdf5_differences(a, b))
+        return _hdf5_differences(a, b)
     bytes_a, bytes_b = a.read_bytes(), b.read_bytes()
     if bytes_a == bytes_b:
         return []
-    leaves = {".json": _json_leaves, ".csv": _csv_leaves}.get(a.suffix)
-    if leaves is None or a.suffix != b.suffix:
-        return [_bytes_differ(bytes_a, bytes_b, is_png={a.suffix, b.suffix} == {".png"})]
+    if a.suffix != b.suffix or a.suffix not in (".json", ".csv"):
+        return [_bytes_differ(bytes_a, bytes_b)]
     try:
-        found = _leaf_differences(*(dict(leaves(data.decode("utf-8-sig"))) for data in (bytes_a, bytes_b)))
-        return list(found) or ["same content, written differently"]
+        texts = (data.decode("utf-8-sig") for data in (bytes_a, bytes_b))
+        sides = [dict(_csv_leaves(text) if a.suffix == ".csv" else _json_leaves(json.loads(text))) for text in texts]
+        return list(_leaf_differences(*sides)) or ["same content, written differently"]
     except (ValueError, csv.Error) as error:
         return [f"bytes differ (not readable as {a.suffix[1:]}: {error})"]
 
 
-def _bytes_differ(a: bytes, b: bytes, *, is_png: bool) -> str:
-    """What differs between two files that are not equal: pixels of pictures, the first line of texts."""
-    if is_png:
-        from matplotlib.image import imread  # slow to import, and only needed here
-
-        with contextlib.suppress(OSError, SyntaxError, ValueError):  # damaged, or of other sizes
-            one, other = (imread(io.BytesIO(data), format="png") for data in (a, b))
-            if one.shape[:2] != other.shape[:2]:
-                return f"{one.shape[1]} x {one.shape[0]} and {other.shape[1]} x {other.shape[0]} pixels"
-            return f"{(one != other).any(axis=-1).mean():.2%} of the pixels differ"
+def _bytes_differ(a: bytes, b: bytes) -> str:
+    """What differs between two files that are not equal: of texts, the first line."""
     said = f"bytes differ ({len(a)} and {len(b)} bytes)"
     try:
         lines = zip_longest(a.decode().splitlines(), b.decode().splitlines(), fillvalue="nothing")
@@ -186,20 +177,17 @@ def _hdf5_differences(a: Path, b: Path) -> Iterator[str]:
             yield f"{field}: {what}" + (f", at {list(map(int, place))}" if place else "")
 
 
-def _json_leaves(text: str) -> Leaves:
+def _json_leaves(value: Any, place: str = "") -> Leaves:
     """The field of a leaf is its place without the indices of lists."""
-
-    def leaves(value: Any, place: str) -> Leaves:
-        if isinstance(value, dict) and value:
-            for key, item in value.items():
-                yield from leaves(item, f"{place}.{key}" if place else key)
-        elif isinstance(value, list) and value:
-            for index, item in enumerate(value):
-                yield from leaves(item, f"{place}[{index}]")
-        else:
-            yield (re.sub(r"\[\d+\]", "[]", place), place), value
-
-    return leaves(json.loads(text), "")
+    inside = []
+    if isinstance(value, dict):
+        inside = [(f"{place}.{key}" if place else key, item) for key, item in value.items()]
+    elif isinstance(value, list):
+        inside = [(f"{place}[{index}]", item) for index, item in enumerate(value)]
+    for inner, item in inside:
+        yield from _json_leaves(item, inner)
+    if not inside:
+        yield (re.sub(r"\[\d+\]", "[]", place), place), value
 
 
 def _csv_leaves(text: str) -> Leaves:

@@ -23,10 +23,8 @@ from typing import Any, dataclass_transform
 import numpy as np
 
 from marsedl.replication.errors import ArtifactError, nearest
-from marsedl.replication.terminal import UNLIMITED, columns
-from marsedl.summaries import value_range
+from marsedl.summaries import summary
 
-STORED_DTYPES = {"float64": "<f8", "int64": "<i8", "int8": "|i1", "bool": "|b1"}
 _DTYPE_OF_ANNOTATION = {"int": "int64", "float": "float64", "bool": "bool", "str": "str"}
 TRIALS = "trials"  # the dimension along which single trials are kept
 
@@ -112,22 +110,6 @@ def record(artifact_type: type) -> type:
     return artifact_type
 
 
-def summary(artifact: Any) -> str:
-    """Return what an artifact holds: the shape, range and unit of every field, the value of a scalar."""
-    artifact_type, rows = type(artifact), []
-    for name, declared in quantities(artifact_type).items():
-        array = np.asarray(getattr(artifact, name))
-        extents = zip(layout(artifact_type).dims[name], array.shape, strict=False)
-        shape = ", ".join(f"{dimension}: {extent}" for dimension, extent in extents)
-        rows.append((name, f"({shape})" if shape else "", value_range(array), declared.unit))
-    return f"{artifact_type.__name__}: {first_line(artifact_type)}\n{columns(rows, 2, width=UNLIMITED)}"
-
-
-def first_line(artifact_type: type) -> str:
-    """Return the first line of a type's docstring, which is the artifact's meaning."""
-    return (artifact_type.__doc__ or "").strip().partition("\n")[0]
-
-
 def finite(values: Any) -> Any:
     """Return values as floats with NaN in place of infinities, which artifacts cannot hold."""
     values = np.asarray(values, dtype=float)
@@ -197,10 +179,9 @@ def layout(artifact_type: type) -> Layout:
                 where = f"{artifact_type.__name__}.{field}"
                 raise ArtifactError(f"{where}: another axis is called '{name}' too: rename one")
             axes[name] = axis
-    for name in axes.keys() & declared.keys():
+    coordinates = frozenset(axes.keys() & declared.keys())
+    for name in coordinates:
         if dims[name] != (name,) or axes[name] is not None:
-            where = f"{artifact_type.__name__}.{name}"
-            raise ArtifactError(
-                f"{where}: a dimension has the name of this field, which does not lie along it: rename one"
-            )
-    return Layout(dims, axes, frozenset(axes.keys() & declared.keys()))
+            problem = "a dimension has the name of this field, which does not lie along it: rename one"
+            raise ArtifactError(f"{artifact_type.__name__}.{name}: {problem}")
+    return Layout(dims, axes, coordinates)

@@ -16,20 +16,13 @@ import numpy as np
 
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.files import write_bytes
-from marsedl.replication.records.fields import (
-    STORED_DTYPES,
-    Layout,
-    Quantity,
-    first_line,
-    layout,
-    quantities,
-    schema_digest,
-)
+from marsedl.replication.records.fields import Layout, Quantity, layout, quantities, schema_digest
 from marsedl.replication.records.recipes import FORMAT
 
 PROVENANCE = "provenance"  # the group of a file that holds it
 COMPRESS_ABOVE_BYTES = 64 * 2**10
 REBUILD = "delete it and run snakemake again: it is rebuilt"
+_STORED = {"float64": "<f8", "int64": "<i8", "int8": "|i1", "bool": "|b1"}
 _ACCEPTED_KINDS = {"float64": "fiu", "int64": "iu", "int8": "iu", "bool": "b"}
 _JSON_MARK = "json:"
 _BARE = b"This is a netCDF dimension but not a netCDF variable.%10d"  # what netCDF calls a scale without values
@@ -51,8 +44,9 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
     # is readable everywhere and stores no object times if asked. Where a dataset lies depends on when the one before it
     # is closed: when `dataset` becomes the next one.
     with h5py.File.in_memory(libver=("earliest", "v110"), track_order=False) as file:
-        about = {"artifact": kind.__name__, "paper": paper, "reading": reading, "meaning": first_line(kind)}
-        file.attrs.update({**about, "schema": schema_digest(kind), "format": FORMAT})
+        meaning = (kind.__doc__ or "").strip().partition("\n")[0]
+        file.attrs.update({"artifact": kind.__name__, "paper": paper, "reading": reading, "meaning": meaning})
+        file.attrs.update({"schema": schema_digest(kind), "format": FORMAT})
         for name, declared in sorted(quantities(kind).items()):
             array, options = arrays[name], {"track_times": False}
             if declared.dtype == "str":
@@ -180,16 +174,17 @@ def _checked_values(path: str | Path, artifact: Any) -> dict[str, np.ndarray]:
 
 def _as_declared(value: Any, dtype: str) -> np.ndarray:
     """The value as an array of the declared type if no number changes by it; raises TypeError or ValueError."""
-    array, text = np.asarray(value), dtype == "str"
-    items = array.ravel().tolist() if text else []
-    if not (all(isinstance(item, str) for item in items) if text else array.dtype.kind in _ACCEPTED_KINDS[dtype]):
-        raise TypeError(f"must be of type {dtype}: it is of type {array.dtype}")
-    if text:
-        return np.array(items, dtype=str).reshape(array.shape)
-    stored = array.astype(STORED_DTYPES[dtype], order="C")
-    if not np.array_equal(stored, array, equal_nan=True):
+    array = np.asarray(value)
+    if dtype == "str":
+        items = array.ravel().tolist()
+        if all(isinstance(item, str) for item in items):
+            return np.array(items, dtype=str).reshape(array.shape)
+    elif array.dtype.kind in _ACCEPTED_KINDS[dtype]:
+        stored = array.astype(_STORED[dtype], order="C")
+        if np.array_equal(stored, array, equal_nan=True):
+            return stored
         raise ValueError(f"must be of type {dtype}: values of type {array.dtype} do not fit")
-    return stored
+    raise TypeError(f"must be of type {dtype}: it is of type {array.dtype}")
 
 
 def _check_fit(array: np.ndarray, declared: Quantity, extents: dict[str, int]) -> None:

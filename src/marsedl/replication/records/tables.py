@@ -12,7 +12,6 @@ analyst the units. Columns are numbers, whole numbers, True and False, or words.
 imported where a table is made: it costs a quarter of a second.
 """
 
-import csv
 import io
 import math
 import re
@@ -92,12 +91,10 @@ def table(data: Any, columns: Mapping[str, Column]) -> "pd.DataFrame":
         name, other = missing[0]
         raise ValueError(f"column '{name}' has '{other}' beside it; {nearest(other, heads)}")
     result = pd.DataFrame({heads[name]: _series(heads[name], data[name], columns[name]) for name in columns})
-    result.attrs[_COLUMNS] = {
-        heads[name]: replace(
-            column, error=heads.get(column.error, ""), interval=tuple(heads[other] for other in column.interval)
-        )
-        for name, column in columns.items()
-    }
+    by_head = result.attrs[_COLUMNS] = {}
+    for name, column in columns.items():
+        interval = tuple(heads[other] for other in column.interval)
+        by_head[heads[name]] = replace(column, error=heads.get(column.error, ""), interval=interval)
     return result
 
 
@@ -238,12 +235,12 @@ def printed_cells(data: "pd.DataFrame") -> list[list[str]]:
     for head, column in columns.items():
         if head in beside:
             continue
-        lines = _printed(data[head], column.digits)
+        lines = [_printed(value, column.digits) for value in data[head].tolist()]
         for form, names, digits in (
             ("{} ± {}", [column.error] if column.error else [], column.digits.lstrip("+")),
             ("{} ({} to {})", column.interval, column.digits),
         ):
-            others = (_printed(data[name], columns[name].digits or digits) for name in names)
+            others = ([_printed(v, columns[name].digits or digits) for v in data[name].tolist()] for name in names)
             rows = zip(lines, *others, strict=True)
             lines = [row[0] if len(row) == 1 or NO_VALUE in row else form.format(*row) for row in rows]
         cells[head] = lines
@@ -252,21 +249,17 @@ def printed_cells(data: "pd.DataFrame") -> list[list[str]]:
     return [list(cells), *map(list, zip(*cells.values(), strict=True))]
 
 
-def _printed(column: "pd.Series", digits: str) -> list[str]:
-    """The cells of a column for readers."""
-
-    def printed(value: Any) -> str:
-        if isinstance(value, bool):
-            return "yes" if value else "no"
-        if isinstance(value, str):
-            return value
-        if not isinstance(value, int | float) or math.isnan(value):  # NaN, None or NA
-            return NO_VALUE
-        if math.isinf(value):
-            return "∞" if value > 0 else "-∞"
-        return f"{value:{digits or (',' if isinstance(value, int) else '.4g')}}"
-
-    return list(map(printed, column.tolist()))
+def _printed(value: Any, digits: str) -> str:
+    """A cell for readers."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, int | float) or math.isnan(value):  # NaN, None or NA
+        return NO_VALUE
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return f"{value:{digits or (',' if isinstance(value, int) else '.4g')}}"
 
 
 def write_table(data: "pd.DataFrame", csv_path: str | Path, markdown_path: str | Path) -> None:
@@ -293,9 +286,3 @@ def read_markdown(markdown_path: str | Path) -> list[list[str]]:
     lines = Path(markdown_path).read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     rows = [re.split(r"(?<!\\) \| ", line.removeprefix("| ").removesuffix(" |")) for line in lines]
     return [[cell.replace(r"\|", "|") for cell in row] for row in rows[:1] + rows[2:]]
-
-
-def read_table(csv_path: str | Path) -> list[list[str]]:
-    """Read rows of text, the first one the header, from a CSV file such as those of `data/reference`."""
-    with Path(csv_path).open(newline="", encoding="utf-8") as stream:
-        return list(csv.reader(stream))

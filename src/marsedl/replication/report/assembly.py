@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,112 +14,74 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Solve, Stage, entry_of, function_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
-from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records import store
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.universes.judging import Judge
 
-LIBRARIES = (
-    *("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib"),
-    "pillow",
-)
 _ENDINGS = {True: "converged", False: "not converged", b"": "not solved"}  # other texts are shown as they are
 
 Paths = Mapping[str, Mapping[str, str]]  # files of the artifacts, by reading and name
+Reading = Mapping[str, Any]  # `summary`, `based_on`, `frozen`, and of its `inputs` by name: key, written value, source
 
 
-class Input(NamedTuple):
-    """An input of a reading as it is written, and where it comes from."""
-
-    value: str
-    source: str
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A reading as the report shows it: what it is for, what it starts from, and all of its inputs by name."""
-
-    name: str
-    summary: str
-    based_on: str | None
-    frozen: bool
-    inputs: Mapping[str, Input]
-
-
-def different(first: Reading, second: Reading, names: Iterable[str]) -> list[str]:
-    """Return the inputs, of these, in which two readings differ."""
-    return [name for name in names if first.inputs[name].value != second.inputs[name].value]
-
-
-class Solved(NamedTuple):
-    """How a solver ended: the reading of each solve by its ending, the most frequent one first."""
-
-    artifact: str
-    what: str
-    endings: Mapping[str, Sequence[str]]
-    iterations: Sequence[int]
-    residuals: Sequence[float]
+def written(reading: Reading, name: str) -> str:
+    """Return an input of a reading as it is written; with its suffix if it has one."""
+    key, value, _ = reading["inputs"][name]
+    suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
+    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
+    return f"{text} {suffix}".strip()
 
 
 @dataclass(frozen=True)
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `judge` knows its universes, `units` and `meanings` are those of its inputs, and `provenance` are
-    rows of text.
+    `judge` knows its universes, `inputs` have unit and meaning by name, `solves` and `provenance` are rows of text.
     """
 
     catalogue: Paper
     claims: Sequence[Claim]
     readings: Mapping[str, Reading]
     judge: Judge | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
-    meanings: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     closeups: Sequence[CloseUp] = ()
-    solves: Sequence[Solved] = ()
+    solves: Sequence[Sequence[str]] = ()
     provenance: Sequence[Sequence[str]] = ()
 
 
 def paper_report(
     catalogue: Paper,
     model: type[Inputs],
-    readings: Mapping[str, Mapping[str, Any]],
+    readings: Mapping[str, Reading],
     claims: Iterable[Claim],
     paths: Paths,
     judge: Judge,
 ) -> PaperReport:
-    """Return the contents of the report on one paper.
-
-    `readings` are those of `Recipes.described`, `claims` those of all papers, `paths` its artifacts;
-    `judge` knows its universes.
+    """Return the contents of the report on one paper, of the `claims` of all papers; `paths` are its artifacts.
 
     Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
     """
     claims, files, names = [row for row in claims if row.paper == catalogue.slug], paths[CORRECTED], model.names()
-    inputs = {name: {key: _input(key, *body["inputs"][key]) for key in names} for name, body in readings.items()}
     return PaperReport(
         with_numbers(catalogue, Quotes(claims, readings)),
         claims,
-        {name: Reading(**{**body, "name": name, "inputs": inputs[name]}) for name, body in readings.items()},
+        readings,
         judge,
-        {name: model.unit(name) for name in names},
-        {name: model.meaning(name) for name in names},
+        {name: (model.unit(name), model.meaning(name)) for name in names},
         closeups(catalogue, files),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
-        provenance(files, catalogue.stages, {name: one.value for name, one in inputs[CORRECTED].items()}),
+        provenance(files, catalogue.stages, {name: written(readings[CORRECTED], name) for name in names}),
     )
 
 
-def environment(size: str, citation: Path) -> dict[str, Any]:
-    """Return what concerns all papers: size, versions of the software by package, and CITATION.cff."""
-    return {"size": size, "versions": library_versions(*LIBRARIES), "cited": read_yaml(citation)}
+def solved(solve: Solve, paths: Paths) -> list[str]:
+    """Return how a solver ended in the artifacts of all readings, as a row of text; empty if there are none.
 
-
-def solved(solve: Solve, paths: Paths) -> Solved | None:
-    """Return how a solver ended in the artifacts of all readings; None if there are none."""
+    It has the stage, what is solved, how it ended (most often, then otherwise, with the readings of that), the numbers
+    of solves and of iterations, and the largest residual.
+    """
     endings, numbers = defaultdict(list), {name: [] for name in (solve.iterations, solve.residual)}
     for path in dict.fromkeys(Path(files[solve.artifact]) for files in paths.values() if solve.artifact in files):
         with store.opened(path) as file:
@@ -128,11 +90,15 @@ def solved(solve: Solve, paths: Paths) -> Solved | None:
             for name in filter(None, numbers):
                 numbers[name] += np.ravel(file[name][()]).tolist()
     if not endings:
-        return None
-    usual = max(endings, key=lambda ending: len(endings[ending]))
-    residuals = [value for value in numbers[solve.residual] if np.isfinite(value)]
-    ordered = {usual: endings.pop(usual), **endings}
-    return Solved(solve.artifact, solve.what or solve.artifact, ordered, numbers[solve.iterations], residuals)
+        return []
+    solves, usual = sum(map(len, endings.values())), max(endings, key=lambda ending: len(endings[ending]))
+    ended = [f"{len(endings.pop(usual))} {usual}"]
+    ended += [f"{len(names)} {ending} ({', '.join(dict.fromkeys(names))})" for ending, names in endings.items()]
+    iterations = sorted(numbers[solve.iterations])
+    ends = " to ".join(f"{number:,}" for number in dict.fromkeys([*iterations[:1], *iterations[-1:]])) or "–"
+    residual = max((value for value in numbers[solve.residual] if np.isfinite(value)), default=None)
+    largest = "–" if residual is None else f"{residual:.1e}"
+    return [solve.artifact, solve.what or solve.artifact, "; ".join(ended), f"{solves:,}", ends, largest]
 
 
 def provenance(files: Mapping[str, str], stages: Mapping[str, Stage], inputs: Mapping[str, Any]) -> list[list[str]]:
@@ -167,10 +133,3 @@ def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
         with contextlib.suppress(Missing):
             plots.append(given.call(function_of(entry_of(catalogue.slug, "closeups", name))))
     return plots
-
-
-def _input(name: str, key: str, value: object, source: str) -> Input:
-    """An input as it is written; with its suffix if it has one."""
-    suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
-    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
-    return Input(f"{text} {suffix}".strip(), source)

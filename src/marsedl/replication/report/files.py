@@ -22,7 +22,10 @@ def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
     ]
 
 
-def universe_pictures(headlines: int) -> list[str]:
-    """Return the names of the pictures of a paper's universes: of all claims, then two for each headline."""
-    of_headlines = [f"headline_{number + 1}_{kind}" for number in range(headlines) for kind in ("values", "choices")]
-    return [f"universes/{name}" for name in ("heat_map", "closing_in", *of_headlines)]
+def universe_pictures(headlines: Iterable[str]) -> dict[str, str]:
+    """Return captions of the pictures of a paper's universes by name: of all claims, then two for each headline."""
+    captions = {"heat_map": "Every choice and every claim", "closing_in": "What is not ruled out"}
+    for number, said in enumerate(headlines, 1):
+        captions[f"headline_{number}_values"] = f"{said}: its values over all universes"
+        captions[f"headline_{number}_choices"] = f"{said}: what each choice moves by itself"
+    return {f"universes/{name}": caption for name, caption in captions.items()}

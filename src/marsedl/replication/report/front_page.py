@@ -61,9 +61,8 @@ def _answer(paper: Paper, rows: Sequence[CommittedClaim]) -> str:
     return f"- **[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors}). {' '.join([*asked, counts])}\n"
 
 
-def write(root: Path, papers: Iterable[Paper]) -> list[Path]:
+def write(root: Path, papers: Sequence[Paper]) -> list[Path]:
     """Write what came out of each paper into the README and its badge; returns the files."""
-    papers = list(papers)
     texts = {path: filled(path.read_text(encoding="utf-8"), root, papers) for path in (root / README, root / BADGE)}
     for path, text in texts.items():
         write_text(path, text)

@@ -18,8 +18,7 @@ def likeness(product: Product, claims: Mapping[str, Claim]) -> tuple[str, str]:
     """
     if product.not_comparable:
         return NOT_COMPARABLE, product.not_comparable
-    rows = [claims[name] for name in product.claims if name in claims]
-    counted = [row for row in rows if row.verdict in COUNTED_VERDICTS]
+    counted = [claims[n] for n in product.claims if n in claims and claims[n].verdict in COUNTED_VERDICTS]
     refuted = sorted((row for row in counted if row.is_refuted), key=lambda row: row.id not in product.shape)
     decided = [row for row in counted if row.verdict != "undetermined"]
     if not decided:

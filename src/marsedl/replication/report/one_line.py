@@ -10,8 +10,7 @@ from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
 from marsedl.replication.report.formulas import with_raised_powers
 
-MOST_WORDS = 12  # of a reason in one line
-
+_MOST_WORDS = 12  # of a reason in one line
 _CLAUSE = 4  # words; a shorter clause is no reason
 _CLASSES = {WITHHELD: "not printed", MISPRINT: "a possible misprint", SETTING: "a setting left open"}
 _UNITS = {"1": "", "not given": "", "percent": "%"}  # as they are shown
@@ -24,8 +23,6 @@ def shown(row: Claim) -> str:
     nothing, or if a statement is decided by no number.
     """
     result, margin = row.result, row.result.margin
-    if result.verdict is None or row.kind == "context":
-        return ""
     if row.is_statement:
         if margin is None or margin.value is None:
             return ""
@@ -42,13 +39,13 @@ def shown(row: Claim) -> str:
     return line if differ else with_unit(line, units[0])
 
 
-def cut(text: str, most: int = MOST_WORDS) -> str:
-    """Return a text of no more words: its first clauses if they have some length, else its first words."""
+def cut(text: str) -> str:
+    """Return a text of few words: its first clauses if they have some length, else its first words."""
     words = text.split()
-    if len(words) <= most:
+    if len(words) <= _MOST_WORDS:
         return text
-    ends = [count for count in range(_CLAUSE, most + 1) if words[count - 1][-1] in ",;:"]
-    return " ".join(words[: ends[-1]]).rstrip(",;:") if ends else f"{' '.join(words[:most])} ..."
+    ends = [count for count in range(_CLAUSE, _MOST_WORDS + 1) if words[count - 1][-1] in ",;:"]
+    return " ".join(words[: ends[-1]]).rstrip(",;:") if ends else f"{' '.join(words[:_MOST_WORDS])} ..."
 
 
 def limit(margin: Margin | None) -> str:
@@ -62,7 +59,7 @@ def limit(margin: Margin | None) -> str:
 def cause(row: Claim, found: tuple[Choice, float, float, str] | None = None) -> str:
     """Return which choice moves a claim most towards what is printed.
 
-    row: a claim; found: the choice, and the range over its values with a unit, NaN if it is not known
+    found: that choice, and the range over its values with a unit, NaN if it is not known
     """
     if row.universes is None or row.universes.cause is None:
         return "Nothing that we varied by itself explains it" if row.universes else ""

@@ -11,32 +11,23 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, STANDING_VERDICTS, VERDICTS_OF, Claim
+from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, VERDICTS_OF, Claim
 from marsedl.replication.claims.counts import counted, plural
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
 from marsedl.replication.claims.rows import summary, unexplained
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
+from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Paper, Product
+from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records.tables import read_markdown
-from marsedl.replication.report import one_line
-from marsedl.replication.report.assembly import PaperReport, different
-from marsedl.replication.report.deciding import Deciding, Number, changed_verdicts
-from marsedl.replication.report.files import (
-    ASSETS,
-    COMPARISON,
-    HEADLINE,
-    OTHER_PAGES,
-    PROVENANCE,
-    SEARCH_DATA,
-    ZIP,
-    universe_pictures,
-)
+from marsedl.replication.report import files, one_line
+from marsedl.replication.report.assembly import PaperReport, written
+from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.designs import SPACE_FILLING
 from marsedl.replication.universes.joint import answer, joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -46,28 +37,30 @@ _BARS = 10  # values of choices that are drawn
 def build_site(
     folder: Path,
     papers: Sequence[PaperReport],
-    environment: Mapping[str, Any],
+    size: str,
+    citation: Path,
     comparisons: Mapping[str, Any],
     figures: Path = Path("figures"),
 ) -> None:
     """Write the report on all papers as pages, pictures and a zip of them: the files of `site_files`.
 
-    `environment` is that of `assembly.environment`; `comparisons` are by name, with the captions `figure` and `table`;
-    `figures` is the folder of figures and tables, with a folder for each paper and one for the comparisons.
+    `size` is that of the build; `citation` is the file CITATION.cff; `comparisons` are by name, with the captions
+    `figure` and `table`; `figures` is the folder of figures and tables, with one for each paper and the comparisons.
 
     Raises ArtifactError if a figure cannot be read.
     """
-    captions = {kind: {n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table")}
-    compared = Paper(COMPARISON, "", "", "", figures=captions["figure"], tables=captions["table"])
+    drawn, tabled = ({n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table"))
+    compared = Paper(files.COMPARISON, "", "", "", figures=drawn, tables=tabled)
     together = _paper(PaperReport(compared, [], {}), figures) | {"name": "all papers"}
-    entries = [_paper(report, figures) for report in papers]
+    entries, every = [_paper(report, figures) for report in papers], [row for one in papers for row in one.claims]
     shared = {
         "entries": entries,
         "together": together,
-        "total": summary(every := [row for report in papers for row in report.claims]),
+        "total": summary(every),
         "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
-        **environment,
+        "size": size,
+        "cited": read_yaml(citation),
     }
     templates = _templates()
 
@@ -75,21 +68,18 @@ def build_site(
         page = templates.get_template(f"{name}.html.j2").render(shared, **more)
         return f"{with_raised_powers(page).strip()}\n".encode()
 
-    files = {f"{page}.html": render(page) for page in OTHER_PAGES}
+    written = {f"{page}.html": render(page) for page in files.OTHER_PAGES}
     for entry in entries:
-        slug = entry["paper"].slug
-        files |= {
-            f"{slug}.html": render("paper", entry=entry),
-            f"{slug}_evidence.html": render("evidence", entry=entry),
-        }
-    files |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in ASSETS}
-    files[PROVENANCE] = _provenance(papers)
-    files[SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
+        for name, end in (("paper", ""), ("evidence", "_evidence")):
+            written[f"{entry['paper'].slug}{end}.html"] = render(name, entry=entry)
+    written |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in files.ASSETS}
+    written[files.PROVENANCE] = _provenance(papers)
+    written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
     for entry in (*entries, together):
-        drawn = (*entry["figures"].values(), *entry["universes"], entry["picture"])
-        files |= {f"pictures/{one.place}.png": one.content.content for one in drawn if one}
-    files[ZIP] = _zipped(files)
-    for name, content in files.items():
+        pictures = (*entry["figures"].values(), *entry["universes"], entry["picture"])
+        written |= {f"pictures/{one.place}.png": one.content.content for one in pictures if one}
+    written[files.ZIP] = _zipped(written)
+    for name, content in written.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
 
@@ -108,10 +98,9 @@ def _templates() -> Any:
     )
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, different, in_words, answer)
-    here = (_capital, _json, _said, _components, _by_verdict, _signed)
+    of_names = (figure_label, written, in_words, joint, answer)
+    here = (_capital, _json, _said, _components)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
-        "words": lambda verdict: verdict.replace("_", " "),
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,
@@ -120,10 +109,12 @@ def _templates() -> Any:
         "printed": lambda row: "" if row.is_statement else ", ".join(format_lines(row.printed, None, row.resolution)),
         "unit": lambda row: "" if row.unit == "1" or row.is_statement else row.unit,
         "used": lambda row: ", ".join(format_result(row, row.reading)),
+        "by_verdict": lambda row: _grouped((one.verdict, name) for name, one in row.readings.items() if one.verdict),
+        "different": lambda one, other, names: [name for name in names if written(one, name) != written(other, name)],
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
-    templates.globals |= {"kinds": VERDICTS_OF, "standing": STANDING_VERDICTS, "terms": words(), "default": CORRECTED}
-    templates.globals["likenesses"] = LIKENESSES
+    templates.globals |= {"kinds": VERDICTS_OF, "likenesses": LIKENESSES, "terms": words(), "default": CORRECTED}
+    templates.globals["versions_of"] = library_versions
     return templates
 
 
@@ -171,67 +162,53 @@ class Shown(NamedTuple):
     name: str
     product: Product
     content: Any
-    described: str = ""
-
-    @property
-    def anchor(self) -> str:
-        """Its place on a page: figures and tables may have the same names."""
-        return f"table-{self.name}" if isinstance(self.content, list) else self.name
+    anchor: str  # its place on a page: figures and tables may have the same names
 
 
 def _shown(
-    products: Mapping[str, Product], folder: Path, read: Callable, end: str, described: Mapping[str, str] = {}
+    products: Mapping[str, Product], folder: Path, read: Callable = picture, end: str = ".png", prefix: str = ""
 ) -> dict[str, Shown]:
     return {
-        name: Shown(f"{folder.name}/{name}", name, product, read(folder / f"{name}{end}"), described.get(name, ""))
+        name: Shown(f"{folder.name}/{name}", name, product, read(folder / f"{name}{end}"), prefix + name)
         for name, product in products.items()
     }
 
 
 def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
-    rows = report.claims
+    rows, folder = report.claims, root / report.catalogue.slug
     paper = with_likeness(report.catalogue, {row.id: row for row in rows})
-    deciding, changed = Deciding(rows, paper.errata, report.judge), changed_verdicts(rows)
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
-    figures = _shown(paper.figures, root / paper.slug, picture, ".png", paper.described)
-    tables = _shown(paper.tables, root / paper.slug, read_markdown, ".md")
+    headline = sorted((row for row in rows if row.headline), key=lambda row: row.headline)
+    changed = _grouped(
+        (name, row.id)
+        for row in rows
+        for name, result in row.readings.items()
+        if is_turned(row.readings[CORRECTED].verdict, result.verdict)
+    )
+    deciding = Deciding(rows, paper.errata, report.judge)
+    figures = _shown(paper.figures, folder)
+    tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
-    of_headline = {HEADLINE: Product(caption, beyond=True)} if paper.slug != COMPARISON else {}
-    first = {
-        "short",
-        "decides",
-        "figures",
-        "tables",
-        HEADLINE,
-        *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond),
-    }
-    effects = deciding.effects()
-    named = {  # what leads to a claim, for the filter
-        row.id: [
-            *(f"reading:{name};" for name, those in changed.items() if any(row.id == claim for claim, *_ in those)),
-            *(f"erratum:{e.erratum.id};" for e in effects if row.id in {*e.named, *(one.claim for one in e.verdicts)}),
-        ]
-        for row in claims.values()
-    }
+    of_universes = files.universe_pictures(_said(row).rstrip(".") for row in headline) if report.judge else {}
+    of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
+    first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
     return {
         "report": report,
         "paper": paper,
         "name": figure_label(paper.slug),
         "at": lambda anchor: f"{paper.slug}{'' if anchor in first else '_evidence'}.html#{anchor}",
         "claims": claims,
-        "headline": sorted((row for row in claims.values() if row.headline), key=lambda row: row.headline),
+        "headline": headline,
         "summary": summary(rows),
         "counts": counted(rows),
-        "titles": {erratum.id: erratum.title or erratum.printed for erratum in paper.errata},
         "causes": deciding.causes(),
-        "named": named,
         "deciding": deciding.number and _deciding(deciding.number),
-        "effects": sorted(effects, key=lambda one: -len(one.refuted) if one.group == "named" else 0),
+        "effects": deciding.effects(),
         "open": deciding.open(),
-        **_universes(report, root),
+        "universes": _shown({name: Product(said) for name, said in of_universes.items()}, folder).values(),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
-        "picture": _shown(of_headline, root / paper.slug, picture, ".png").get(HEADLINE),
+        "picture": _shown(of_headline, folder).get(files.HEADLINE),
         "figures": figures,
         "tables": tables,
     }
@@ -250,11 +227,6 @@ def _said(row: Claim) -> str:
     return _capital(row.plain or row.quantity)
 
 
-def _by_verdict(row: Claim) -> dict[str, list[str]]:
-    """The readings that decide a claim, by their verdicts."""
-    return _grouped((result.verdict, name) for name, result in row.readings.items() if result.verdict)
-
-
 def _components(row: Claim) -> list[tuple[str, str, str]]:
     """The numbers of a vector, or the rows of a matrix, one by one: printed, ours, verdicts."""
     verdicts = [", ".join(part or "" for part in flatten(one).values()) for one in row.result.components or []]
@@ -262,33 +234,11 @@ def _components(row: Claim) -> list[tuple[str, str, str]]:
     return list(zip(*columns, strict=True)) if len({len(column) for column in columns}) == 1 else []
 
 
-def _places(values: Sequence[float], rim: float) -> Callable[[float], float]:
-    """Return the function from a number to its place on a line from 0 to 100 that holds all of these, within a rim."""
-    least, most = min(values), max(values)
-    return lambda value: round(rim + (100 - 2 * rim) * (value - least) / (most - least), 1) if most > least else 50.0
-
-
-def _universes(report: PaperReport, root: Path) -> dict[str, Any]:
-    """The pictures of a paper's universes, what these say of its headlines, and how many fill the space of choices."""
-    if report.judge is None:
-        return {"universes": [], "filling": 0, "joint": None}
-    titles = ["Every choice and every claim", "What is not ruled out"]
-    headlines = sorted((row for row in report.claims if row.headline), key=lambda row: row.headline)
-    for row in headlines:
-        said = _said(row).rstrip(".")
-        titles += [f"{said}: its values over all universes", f"{said}: what each choice moves by itself"]
-    drawn = dict(zip(universe_pictures(len(headlines)), map(Product, titles), strict=True))
-    return {
-        "joint": joint(report.judge),
-        "universes": [*_shown(drawn, root / report.catalogue.slug, picture, ".png").values()],
-        "filling": int(report.judge.among(SPACE_FILLING).sum()),
-    }
-
-
 def _deciding(number: Number) -> dict[str, Any] | None:
     """The deciding number, and what each choice makes of it by itself, the largest change first; a few are drawn.
 
-    Choices that make the same number of it share a bar. None if no choice moves it.
+    Choices that make the same number of it share a bar. `place` is that of a number on a line from 0 to 100 %, within a
+    rim of 4 %. None if no choice moves it.
     """
     moved = [one for one in number.effects if one.counts]
     if not moved:
@@ -300,20 +250,15 @@ def _deciding(number: Number) -> dict[str, Any] | None:
     )
     bars = dict(list(near.items())[:_BARS])
     drawn = [one for of in bars.values() for one in of]
+    values = [number.value, number.mark, *(one.number for one in drawn)]
+    least, most = min(values), max(values)
     return {
         "number": number,
-        "place": _places([number.value, number.mark, *(one.number for one in drawn)], 4),
+        "place": lambda value: round(4 + 92 * (value - least) / (most - least), 1),
         "bars": bars,
-        "more": [one for one in moved if one not in drawn],
+        "more": len(moved) - len(drawn),
         "still": sorted({one.choice for one in number.effects} - {one.choice for one in moved}),
     }
-
-
-def _signed(difference: float, unit: str) -> str:
-    """A difference with its sign and unit."""
-    text = one_line.near(difference, difference)
-    unit = "" if unit == "1" else unit
-    return f"{'+' * (difference > 0)}{text} {unit}".strip().replace("-", "−", 1)
 
 
 def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
@@ -322,21 +267,19 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     for entry in entries:
         report, paper, name, parts = entry["report"], entry["paper"], entry["name"], []
         for row in report.claims:
-            kind = row.verdict.replace("_", " ") if row.id in entry["claims"] else "stated"
+            kind = in_words(row.verdict) if row.id in entry["claims"] else "stated"
             parts.append((row.id, kind, _said(row), row.quantity, row.id, row.where))
-        for one in entry["figures"].values():
-            parts.append((one.name, "figure", figure_label(one.name), one.product.caption, one.described))
-        for one in entry["tables"].values():
-            parts.append((one.anchor, "table", figure_label(one.name), one.product.caption))
+        for kind, described in (("figure", paper.described), ("table", {})):
+            for one in entry[f"{kind}s"].values():
+                parts.append((one.anchor, kind, figure_label(one.name), one.product.caption, described.get(one.name)))
         for one in paper.errata:
-            parts.append((one.id, "erratum", f"{one.id}. {entry['titles'][one.id]}", one.printed, one.used))
-        parts += [(f"input-{key}", "input", key, meaning) for key, meaning in report.meanings.items()]
-        parts += [(f"reading-{key}", "reading", key, one.summary) for key, one in report.readings.items()]
+            parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
+        parts += [(f"input-{key}", "input", key, meaning) for key, (_, meaning) in report.inputs.items()]
+        parts += [(f"reading-{key}", "reading", key, one["summary"]) for key, one in report.readings.items()]
         parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
         if paper.title:
             parts.append(("short", "paper", name, paper.title, paper.authors, paper.question))
-        found += [(entry["at"](anchor), f"{name}: {kind}", *texts) for anchor, kind, *texts in parts]
-    return sorted(
-        [address, kind, without_markup(title), without_markup(" ".join(filter(None, texts)))]
-        for address, kind, title, *texts in found
-    )
+        for anchor, kind, title, *texts in parts:
+            text = without_markup(" ".join(filter(None, texts)))
+            found.append([entry["at"](anchor), f"{name}: {kind}", without_markup(title), text])
+    return sorted(found)

@@ -83,27 +83,16 @@ def with_texts(paper: Paper, path: Path) -> Paper:
         if bool(about) == bool(figure.not_comparable) and not figure.beyond and figure.shows:
             remedy = "name the claims about it, or say under not_comparable why there are none"
             raise InputError(f"{path}: figures.{stem}: {'has both' if about else 'no likeness'}; {remedy}")
-    return replace(
-        paper,
-        figures={
-            stem: Product(
-                one.caption,
-                one.beyond,
-                claims=(*one.shape, *one.claims),
-                shape=one.shape,
-                not_comparable=one.not_comparable,
-            )
+    declared = {
+        "figures": {
+            stem: Product(**one.model_dump(exclude={"shows"}) | {"claims": (*one.shape, *one.claims)})
             for stem, one in texts.figures.items()
         },
-        described={stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
-        tables={stem: Product(table.caption, table.beyond) for stem, table in texts.tables.items()},
-        errata=tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
-        question=texts.question,
-        in_short=texts.in_short,
-        found=texts.found,
-        beside=texts.beside,
-        unmarked=texts.unmarked,
-    )
+        "described": {stem: figure.shows for stem, figure in texts.figures.items() if figure.shows},
+        "tables": {stem: Product(**dict(table)) for stem, table in texts.tables.items()},
+        "errata": tuple(Erratum(name, **dict(erratum)) for name, erratum in texts.errata.items()),
+    }
+    return replace(paper, **dict(texts) | declared)
 
 
 def check_found(paper: Paper, headline: Collection[str]) -> None:

@@ -45,22 +45,11 @@ def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[
     for choice in choices:
         if names is not None and choice.name not in names:
             continue
-        needed = {
-            name: those[0]
-            for name, those in choice.only_if.items()
-            if choices.default(choices.by_name[name]) not in those
-        }
-        assignments += [
-            {**needed, choice.name: value} for value in values_of(choice) if value != choices.default(choice)
-        ]
+        only_if = choice.only_if.items()
+        needed = {name: those[0] for name, those in only_if if choices.default(choices.by_name[name]) not in those}
+        values = [choice.range.at(share) for share in RANGE_POINTS] if choice.range else choice.alternatives
+        assignments += [{**needed, choice.name: value} for value in values if value != choices.default(choice)]
     return [Universe(number, ONE_AT_A_TIME, one) for number, one in enumerate(assignments)]
-
-
-def values_of(choice: Choice) -> list:
-    """Return the values of a choice that a design of one at a time takes."""
-    if choice.range is None:
-        return list(choice.alternatives)
-    return [choice.range.at(share) for share in RANGE_POINTS]
 
 
 def numbered(choices: Choices, number: int) -> Universe:
@@ -92,10 +81,8 @@ def space_filling(choices: Choices, count: int) -> list[Universe]:
     A longer design begins with the shorter one.
     """
     combined = varied(choices)
-    return [
-        Universe(FIRST + number, SPACE_FILLING, assignment_at(choices, combined, point))
-        for number, point in enumerate(sobol(len(combined), count))
-    ]
+    assignments = [assignment_at(choices, combined, point) for point in sobol(len(combined), count)]
+    return [Universe(FIRST + number, SPACE_FILLING, one) for number, one in enumerate(assignments)]
 
 
 def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
@@ -105,22 +92,17 @@ def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
     if not dimensions:
         return np.zeros((count, 0))
     sequence = qmc.Sobol(dimensions, scramble=True, seed=seed)
-    return sequence.random_base2(max(math.ceil(math.log2(max(count, 1))), 0))[:count]
+    return sequence.random_base2(math.ceil(math.log2(max(count, 1))))[:count]
 
 
 def assignment_at(choices: Choices, combined: Sequence[Choice], shares: Sequence[float]) -> dict:
     """Return the assignment at a point of the unit cube; values that do not apply are left out."""
-    drawn = {one.name: value_at(one, float(share)) for one, share in zip(combined, shares, strict=True)}
+    drawn = {}
+    for one, share in zip(combined, map(float, shares), strict=True):
+        names = combined_values(one)  # in equal parts of the unit interval
+        drawn[one.name] = one.range.at(share) if one.range else names[interval_of(share, len(names))]
     complete = choices.complete(drawn)
     return {one.name: complete[one.name] for one in choices if complete[one.name] != choices.default(one)}
-
-
-def value_at(choice: Choice, share: float) -> str | float:
-    """Return the value of a choice at a share of its range, or of its alternatives in equal parts."""
-    if choice.range is not None:
-        return choice.range.at(share)
-    names = combined_values(choice)
-    return names[interval_of(share, len(names))]
 
 
 def interval_of(shares, count: int):

@@ -48,7 +48,7 @@ def joint(judge: Judge) -> Joint:
     matching = Matching(judge.choices, judge.published.values())
     decided = judge.table.claim[judge.table.verdict.any(axis=0)]  # code 0 is "none"
     names = [one.id for one in matching.headlines if one.id in decided]
-    places = [judge.claim_place(name) for name in names]
+    places = [judge.column[name] for name in names]
     never = [tuple(names[k] for k in those) for those in _never_together(judge, places)]
     return Joint(matching.waves(judge.table), _best(judge, places) if names else None, never, _halves(judge))
 

@@ -21,17 +21,8 @@ from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
-from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, Universe, interval_of
-from marsedl.replication.universes.table import (
-    CAUSES,
-    VERDICTS,
-    Universes,
-    coded,
-    components_of,
-    decoded,
-    half_digit,
-    size_of_change,
-)
+from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
+from marsedl.replication.universes.table import CAUSES, VERDICTS, Universes, components_of, decoded, size_of_change
 
 ROBUST, DEPENDS, NEVER, UNDECIDED = "robust", "depends", "never", "undecided"
 TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
@@ -89,13 +80,6 @@ class Index(NamedTuple):
         return self.ratio > self.chance
 
 
-class Nearest(NamedTuple):
-    """The universe in which a claim's numbers come nearest to what is printed, and the deciding one of them there."""
-
-    universe: int
-    number: float
-
-
 @dataclass(frozen=True)
 class Judged:
     """What the universes say of one claim.
@@ -115,7 +99,8 @@ class Judged:
     over_all: Share
     over_results: Share
     undetermined: Share
-    nearest: Nearest | None
+    nearest: float | None  # the number where all of the claim's numbers come nearest to what is printed
+    its_universe: int | None  # in which they do
     indices: tuple[Index, ...]
     noise: float  # share of the variance over universes that is sampling error
 
@@ -141,21 +126,22 @@ class Judge:
     def __init__(
         self, table: Universes, choices: Choices, published: Sequence[PublishedClaim], *, is_committed: bool = False
     ):
-        """Take the table, the paper's choices and what it prints, and whether the table is a committed one.
-
-        Raises ValueError if the table has no universe `corrected`.
-        """
+        """Take the table, the paper's choices and what it prints, and whether the table is a committed one."""
         self.table, self.choices, self.is_committed = table, choices, is_committed
         self.published = {one.id: one for one in published}
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
-        self._claims = {str(name): at for at, name in enumerate(table.claim)}
+        self.column = {str(name): at for at, name in enumerate(table.claim)}  # of the verdicts of each claim
         self.verdicts = np.array(VERDICTS)[table.verdict]  # (universe, claim), as the next two
         self.stands = np.isin(self.verdicts, TRUE)
         self.decided = self.stands | np.isin(self.verdicts, REFUTED_VERDICTS)
-        corrected = np.array(coded(choices, Universe(0, ONE_AT_A_TIME, {})), dtype=float)
-        same = (table.assignment == corrected) | (np.isnan(table.assignment) & np.isnan(corrected))
-        self._moved = ~same  # which choices of a universe are not as in `corrected` (universe, choice)
-        self.base = int(np.flatnonzero((table.design == DESIGNS.index(ONE_AT_A_TIME)) & same.all(axis=1))[0])
+        self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
+        self._numbers = np.array([table.value, table.error, table.limit])  # (3, universe, component)
+        self._places, halves = {}, []  # columns of the numbers of each claim; half of the last printed digit of each
+        for name in self.column:
+            found = [half for _, _, half in components_of(self.published[name])]
+            self._places[name] = range(len(halves), len(halves) + len(found))
+            halves += found
+        self._halves = np.array(halves)
 
     def among(self, design: str) -> np.ndarray:
         """Return which universes are of a design, those apart that are computed again with other random numbers."""
@@ -163,7 +149,7 @@ class Judge:
 
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
-        at, place = self.claim_place(claim), self.component_place(claim)
+        at, place = self.column[claim], self.component_place(claim)
         filled, stands, decided = self.among(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
         with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
         effects = self.effects(claim)
@@ -171,45 +157,31 @@ class Judge:
         indices = self.indices(self.table.value[:, place], filled, at, pairs=pairs)
         of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at, pairs=pairs)
         every = filled | self.among(ONE_AT_A_TIME)
-        overall = self._stands(stands[every & decided])
+        deciding = stands[every & decided]
+        overall = DEPENDS if deciding.any() else NEVER
+        if deciding.all():  # also of none
+            overall = ROBUST if len(deciding) else UNDECIDED
         return Judged(
             str(self.table.component[place]),
             self.verdict(claim),
             *self._numbers[:, self.base, place].tolist(),
             overall,
-            self._depends_on(stands, effects, (*indices, *of_verdict)) if overall == DEPENDS else (),
+            self._depends_on(stands[self.base], effects, (*indices, *of_verdict)) if overall == DEPENDS else (),
             effects,
             share_of(stands, filled),
             share_of(stands, with_result),
             share_of(self.verdicts[:, at] == "undetermined", with_result),
-            self._nearest(claim, every),
+            *self._nearest(claim, every),
             indices,
             self._noise(place, filled),
         )
 
-    @staticmethod
-    def _stands(stands: np.ndarray) -> str:
-        if not len(stands):
-            return UNDECIDED
-        return ROBUST if stands.all() else DEPENDS if stands.any() else NEVER
-
     def standing(self, claim: str) -> Standing:
         """Return what the universes say of a claim, as it stands beside its verdict."""
-        judged = self.judged(claim)
-        cause, share = cause_of(judged.effects), judged.over_results
-        return Standing(
-            stands=judged.stands,
-            on=judged.on,
-            true=share.count,
-            of=share.of,
-            low=share.low,
-            high=share.high,
-            cause=cause and (cause.choice, f"{cause.value:g}" if isinstance(cause.value, float) else cause.value),
-        )
-
-    def claim_place(self, claim: str) -> int:
-        """Return the column of a claim's verdicts."""
-        return self._claims[claim]
+        one = self.judged(claim)
+        (true, of, low, high), found = one.over_results, cause_of(one.effects)
+        cause = found and (found.choice, f"{found.value:g}" if isinstance(found.value, float) else found.value)
+        return Standing(stands=one.stands, on=one.on, true=true, of=of, low=low, high=high, cause=cause)
 
     def component_place(self, claim: str) -> int:
         """Return the column of the number that decides a claim: in `corrected` it is furthest from what is printed."""
@@ -217,30 +189,11 @@ class Judge:
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
-        return str(self.verdicts[self.base, self.claim_place(claim)])
+        return str(self.verdicts[self.base, self.column[claim]])
 
     def is_statement(self, claim: str) -> bool:
         """Whether a claim is a statement; others are numbers."""
         return self.published[claim].kind == "qualitative"
-
-    # ------------------------------------------------------------------------------------------------------- numbers
-
-    @cached_property
-    def _numbers(self) -> np.ndarray:
-        """Value, standard error and limit of every number (3, universe, component)."""
-        return np.array([self.table.value, self.table.error, self.table.limit])
-
-    @cached_property
-    def _places(self) -> dict[str, list[int]]:
-        """The columns of the numbers of each claim."""
-        columns = {str(name): at for at, name in enumerate(self.table.component)}
-        return {name: [columns[label] for label, _ in components_of(self.published[name])] for name in self._claims}
-
-    @cached_property
-    def _halves(self) -> np.ndarray:
-        """Half of the last printed digit of every number (component,)."""
-        claims = [self.published[name] for name in self._claims]
-        return np.array([half_digit(claim, index) for claim in claims for _, index in components_of(claim)])
 
     @cached_property
     def _distances(self) -> np.ndarray:
@@ -254,21 +207,30 @@ class Judge:
     @cached_property
     def _alone(self) -> list[tuple[int, str, Value]]:
         """The universes that vary one choice by itself, with it and its value there."""
-        found, choices = [], list(self.choices)
-        for universe in np.flatnonzero(self.among(ONE_AT_A_TIME)):
-            moved = [choices[k] for k in np.flatnonzero(self._moved[universe])]
+        found, corrected = [], decoded(self.choices, self.table.assignment[self.base])
+        for universe in map(int, np.flatnonzero(self.among(ONE_AT_A_TIME))):
+            values = decoded(self.choices, self.table.assignment[universe])
+            moved = [one for one in self.choices if values.get(one.name) != corrected.get(one.name)]
             main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
             if len(main) == 1:
-                value = decoded(self.choices, self.table.assignment[universe])[main[0]]
-                found.append((int(universe), main[0], value))
+                found.append((universe, main[0], values[main[0]]))
         return found
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
         """Return what each value of each choice changes by itself, the largest change first."""
-        place, at, found = self.component_place(claim), self.claim_place(claim), []
+        place, at, found = self.component_place(claim), self.column[claim], []
+        before = self._numbers[:, self.base, place]
+        # A statement holds on the side of `corrected`, or on the other one.
+        side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
         for universe, choice, value in self._alone:
             verdict, cause = str(self.verdicts[universe, at]), CAUSES[self.table.cause[universe, at]]
-            numbers = self._change(claim, place, universe)
+            after = self._numbers[:, universe, place]
+            if self.is_statement(claim):
+                towards = side * (after[0] - after[2]) > side * (before[0] - before[2])
+            else:
+                towards = abs(after[0] - after[2]) < abs(before[0] - before[2])
+            size = size_of_change(before, after, self._halves[place])
+            numbers = float(after[0]), float(after[0] - before[0]), float(size), bool(towards)
             found.append(Effect(choice, value, int(self.table.number[universe]), verdict, cause, *numbers))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
 
@@ -280,26 +242,14 @@ class Judge:
         agree = np.abs(self.table.value[first] - self.table.value[again]) <= SIGMAS * error
         return share_of(agree, error > 0.0)
 
-    def _change(self, claim: str, place: int, universe: int) -> tuple[float, float, float, bool]:
-        before, after = self._numbers[:, self.base, place], self._numbers[:, universe, place]
-        if self.is_statement(claim):  # the side on which it holds is that of `corrected`, or the other
-            side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
-            towards = side * (after[0] - after[2]) > side * (before[0] - before[2])
-        else:
-            towards = abs(after[0] - after[2]) < abs(before[0] - before[2])
-        size = size_of_change(before, after, self._halves[place])
-        return float(after[0]), float(after[0] - before[0]), float(size), bool(towards)
-
-    def _nearest(self, claim: str, among: np.ndarray) -> Nearest | None:
-        """The universe in which a claim's numbers, all of them, come nearest to what is printed."""
+    def _nearest(self, claim: str, among: np.ndarray) -> tuple[float, int] | tuple[None, None]:
+        """The deciding number where a claim's numbers, all of them, come nearest to what is printed; the universe."""
         distances = self._distances[:, self._places[claim]].max(axis=1)
-        use = among & (self.table.cause[:, self.claim_place(claim)] == CAUSES.index("result")) & (distances >= 0.0)
+        use = among & (self.table.cause[:, self.column[claim]] == CAUSES.index("result")) & (distances >= 0.0)
         if not use.any():
-            return None
+            return None, None
         best = np.argmin(np.where(use, distances, np.inf))
-        return Nearest(int(self.table.number[best]), float(self.table.value[best, self.component_place(claim)]))
-
-    # ------------------------------------------------------------------------------------------------------- indices
+        return float(self.table.value[best, self.component_place(claim)]), int(self.table.number[best])
 
     def indices(self, values: np.ndarray, among: np.ndarray, key: int = 0, *, pairs: bool = True) -> tuple[Index, ...]:
         """Return the correlation ratio of every choice with a number, the largest first, then of pairs if asked for.
@@ -338,10 +288,10 @@ class Judge:
         shares = np.array([choice.range.share(number) if np.isfinite(number) else -1.0 for number in numbers])
         return np.where(shares < 0, -1, interval_of(shares, 4))
 
-    def _depends_on(self, stands, effects, indices) -> tuple[str, ...]:
+    @staticmethod
+    def _depends_on(stands: bool, effects: Iterable[Effect], indices: Iterable[Index]) -> tuple[str, ...]:
         """The choices that turn a verdict by themselves, then those with an index beyond chance."""
-        base = stands[self.base]
-        turned = [e.choice for e in effects if e.verdict in TRUE + REFUTED_VERDICTS and (e.verdict in TRUE) != base]
+        turned = [e.choice for e in effects if e.verdict in TRUE + REFUTED_VERDICTS and (e.verdict in TRUE) != stands]
         beyond = [name for one in indices if one.decides for name in one.choice.split(" x ")]
         return tuple(dict.fromkeys([*turned, *beyond]))
 
@@ -371,25 +321,22 @@ def cause_of(effects: Iterable[Effect]) -> Effect | None:
 COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper
 
 
+def of_one_world(first: str | Path, second: str | Path) -> bool:
+    """Whether two tables of universes were computed from the same inputs and code."""
+    return store.provenance(first)["world"] == store.provenance(second)["world"]
+
+
 def judge_of(
     paper: Paper, model: type[Inputs], root: Path, size: str, choices: Mapping[str, object], path: str | Path
 ) -> Judge:
     """Return what judges the claims of a paper by a table of universes in a file.
 
     That is the committed run instead, which has more universes, if it was computed from the same inputs and code.
-
-    Args:
-        paper: the catalogue.
-        model: its typed inputs.
-        root: the project's folder.
-        size: the size that is built.
-        choices: those of a user, as they are written.
-        path: of the table.
-
+    choices: those of a user, as they are written.
     """
     study = load_study(paper.slug, model, root, size, choices)
     published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
     large = root / COMMITTED / f"{paper.slug}.h5"
-    is_committed = large.exists() and store.provenance(large)["world"] == store.provenance(path)["world"]
+    is_committed = large.exists() and of_one_world(large, path)
     table = store.load(large if is_committed else path, Universes, paper=paper.slug)
     return Judge(table, study.choices, published, is_committed=is_committed)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import MEASURED, Result
+from marsedl.replication.claims.claim import MEASURED, Claim, Result
 from marsedl.replication.claims.numbers import broadcast, flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
@@ -24,7 +24,7 @@ from marsedl.replication.errors import InadmissibleError, InfeasibleError, Input
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.inputs.readings import Reading, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
@@ -38,8 +38,10 @@ from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Univer
 VERDICTS = ("none", "reproduced", "close", "differs", "holds", "fails", "undetermined", "by_construction")
 # Why there is no verdict: it has one; the claim asks for what this universe does not have; four classes of failure.
 CAUSES = ("result", "not_asked", "inadmissible", "infeasible", "refused", "numerical")
-_SHARED = ("choice", "claim", "component")  # fields of a table that all of its universes share
+_OF_NUMBERS = ("universe", "component")
 EVALUATED = (*MEASURED, "qualitative")  # kinds of claims
+Triple = tuple[float, float, float]  # value, standard error and limit of a number
+Numbers = Mapping[str, Triple]  # by claim and component, as in tab4_p99[1]
 
 
 @record
@@ -62,14 +64,11 @@ class Universes:
     trials: np.ndarray = quantity("1", ("universe", "claim"), "number of trials behind the claim; 0: none", int)
     component: np.ndarray = quantity("1", ("component",), "claim and component, as in tab4_p99[1]", str)
     value: np.ndarray = quantity(
-        "1",
-        ("universe", "component"),
-        "number of the claim, or of what decides a statement, in its unit",
-        allow_nan=True,
+        "1", _OF_NUMBERS, "number of the claim, or of what decides a statement, in its unit", allow_nan=True
     )
-    error: np.ndarray = quantity("1", ("universe", "component"), "its standard error", allow_nan=True)
+    error: np.ndarray = quantity("1", _OF_NUMBERS, "its standard error", allow_nan=True)
     limit: np.ndarray = quantity(
-        "1", ("universe", "component"), "limit that decides a statement; what is printed of a number", allow_nan=True
+        "1", _OF_NUMBERS, "limit that decides a statement; what is printed of a number", allow_nan=True
     )
 
 
@@ -79,7 +78,7 @@ class Outcome:
 
     cause: str
     verdict: str = "none"
-    numbers: Mapping[tuple[int, ...], tuple[float, float, float]] = field(default_factory=dict)  # value, error, limit
+    numbers: Numbers = field(default_factory=dict)
     sentence: str = ""
     trials: int = 0
 
@@ -129,7 +128,7 @@ class Evaluator:
             reading = self.study.universe(universe.assignment, universe.inputs, universe.seed)
         except InputError as error:
             raise InadmissibleError(str(error)) from None
-        run = Run.of(self.paper, reading.inputs, self.memory, self._unclaimed(reading.name))
+        run = self._run(reading)
         if constrained and (constraint := constraint_of(self.paper.slug)):
             run.given().call(constraint)
         return run
@@ -139,15 +138,15 @@ class Evaluator:
 
         Unlike a universe, it has the numbers of trials that its inputs say.
         """
-        inputs = self.study.readings[name].inputs
-        run = Run.of(self.paper, inputs, self.memory, self._unclaimed(name))
-        found = evaluate(run, self.published, **self.further)
+        found = evaluate(self._run(self.study.readings[name]), self.published, **self.further)
         self.memory.let_go()
         return found
 
-    def _unclaimed(self, reading: str) -> list[str]:
-        """The stages that claims use in other readings only."""
-        return [name for name, one in self.paper.stages.items() if reading not in (one.claimed_in or [reading])]
+    def _run(self, reading: Reading) -> Run:
+        """The run of a reading, without the stages that claims use in other readings only."""
+        of = self.paper.stages.items()
+        unclaimed = [name for name, stage in of if reading.name not in (stage.claimed_in or [reading.name])]
+        return Run.of(self.paper, reading.inputs, self.memory, unclaimed)
 
     def row(self, universe: Universe) -> "Row":
         """Return what all claims give in a universe, each by itself.
@@ -178,8 +177,7 @@ class Evaluator:
             return class_of(error)
         if result.verdict is None:
             return Outcome("not_asked")
-        numbers = numbers_of(printed, evaluation, result)
-        return Outcome("result", result.verdict, numbers, trials=result.trials or 0)
+        return Outcome("result", result.verdict, numbers_of(printed, evaluation), trials=result.trials or 0)
 
 
 class Row(NamedTuple):
@@ -194,54 +192,43 @@ def class_of(error: Exception) -> Outcome:
     """Return the outcome of what a universe, or a stage, raises; raises again what is a fault of the machine."""
     if isinstance(error, OSError | MemoryError):
         raise error
-    classes = {
-        InadmissibleError: "inadmissible",
-        InfeasibleError: "infeasible",
-        SolverError: "numerical",
-        MarsedlError: "refused",
-    }
-    cause = next((name for kind, name in classes.items() if isinstance(error, kind)), "numerical")
-    text = str(error) if isinstance(error, MarsedlError) else f"{type(error).__name__}: {error}"
+    is_ours = isinstance(error, MarsedlError)
+    classes = {InadmissibleError: "inadmissible", InfeasibleError: "infeasible", SolverError: "numerical"}
+    other = "refused" if is_ours else "numerical"
+    cause = next((name for kind, name in classes.items() if isinstance(error, kind)), other)
+    text = str(error) if is_ours else f"{type(error).__name__}: {error}"
     return Outcome(cause, sentence=" ".join(text.split()))
 
 
-def numbers_of(printed: PublishedClaim, evaluation: Evaluation, result: Result) -> dict:
-    """Return value, standard error and limit of each component; of a statement, those of what decides."""
-    if printed.kind == "qualitative":
-        margin = result.margin
-        return {(): (margin.value, margin.standard_error, margin.limit)} if margin else {}
-    values, wanted = flatten(evaluation.value), flatten(printed.printed)
-    errors = flatten(evaluation.standard_error) if evaluation.standard_error is not None else dict.fromkeys(values, 0.0)
+def numbers_of(claim: PublishedClaim | Claim, found: Evaluation | Result) -> Numbers:
+    """Return the numbers of a claim; of a statement, those of what decides."""
+    if claim.kind == "qualitative":
+        of = found.margin and (found.margin.value, found.margin.standard_error, found.margin.limit)
+        return {claim.id: tuple(math.nan if number is None else number for number in of)} if of else {}
+    values, printed = flatten(found.value), flatten(claim.printed)
+    errors = broadcast(found.standard_error, values)
     return {
-        index: (values[index], errors[index], wanted[index])
-        for index in values
-        if is_number(values[index]) and is_number(wanted[index])
+        label: (values[at], errors[at] or 0.0, printed[at])
+        for label, at, _ in components_of(claim)
+        if is_number(values.get(at)) and is_number(printed[at])
     }
 
 
-def components_of(printed: PublishedClaim) -> list[tuple[str, tuple[int, ...]]]:
-    """Return the names and indices of the numbers of a claim, counted from 1 in the names."""
-    if printed.kind == "qualitative":
-        return [(printed.id, ())]
-    return [(printed.id + "".join(f"[{i + 1}]" for i in index), index) for index in flatten(printed.printed)]
+def components_of(claim: PublishedClaim | Claim) -> list[tuple[str, tuple[int, ...], float]]:
+    """Return name, index and half of the last printed digit of each number of a claim.
+
+    Indices are counted from 1 in the names; the half is 0 if no digit is printed.
+    """
+    numbers = {(): 0.0} if claim.kind == "qualitative" else flatten(claim.printed)
+    digits = broadcast(claim.resolution, numbers)
+    return [(claim.id + "".join(f"[{i + 1}]" for i in at), at, 0.5 * (digits[at] or 0.0)) for at in numbers]
 
 
-def half_digit(printed: PublishedClaim, index: tuple[int, ...]) -> float:
-    """Return half of the last printed digit of a number; 0 if none is printed."""
-    if printed.resolution is None:
-        return 0.0
-    return 0.5 * broadcast(printed.resolution, flatten(printed.printed))[index]
-
-
-def size_of_change(before: tuple[float, float, float], after: tuple[float, float, float], half: float) -> float:
+def size_of_change(before: Triple, after: Triple, half: float) -> float:
     """Return how large a change is against what noise and rounding could explain; NaN without two numbers.
 
-    That is three standard errors and half a printed digit; of what has neither, its distance from its limit.
-
-    Args:
-        before, after: value, standard error and limit, as in `Universes`.
-        half: half of the last printed digit.
-
+    That is three standard errors and `half` of the last printed digit; of what has neither, its distance from its
+    limit.
     """
     difference = abs(after[0] - before[0])
     noise = SIGMAS * math.hypot(*np.nan_to_num([before[1], after[1]])) + half or abs(before[0] - before[2])
@@ -284,17 +271,18 @@ def chunk_of(
 def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     """Return the table of universes that were evaluated."""
     choices, asked = evaluator.study.choices, evaluator.asked
-    components = [(name, *part) for name in asked for part in components_of(evaluator.published[name])]
+    components = [(name, label) for name in asked for label, *_ in components_of(evaluator.published[name])]
     numbers = np.full((3, len(rows), len(components)), np.nan)
     for at, row in enumerate(rows):
-        for place, (name, _, index) in enumerate(components):
-            numbers[:, at, place] = row.outcomes[name].numbers.get(index, np.nan)
+        for place, (name, label) in enumerate(components):
+            numbers[:, at, place] = row.outcomes[name].numbers.get(label, np.nan)
     numbers[~np.isfinite(numbers)] = np.nan
 
     def of_claims(read: Callable[[Outcome], int], kind: type) -> np.ndarray:
         found = [[read(row.outcomes[name]) for name in asked] for row in rows]
         return np.array(found, dtype=kind).reshape(len(rows), len(asked))
 
+    sentences = [[one.sentence for one in row.outcomes.values()] for row in rows]  # of what fails
     return Universes(
         number=np.array([row.universe.number for row in rows], dtype=np.int64),
         design=np.array([DESIGNS.index(row.universe.design) for row in rows], dtype=np.int8),
@@ -302,13 +290,13 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
         wave=np.array([row.universe.wave for row in rows], dtype=np.int64),
         assignment=np.array([coded(choices, row.universe) for row in rows]).reshape(len(rows), len(choices)),
         tries=np.array([row.tries for row in rows], dtype=np.int64),
-        sentence=np.array([_sentence(row.outcomes) for row in rows], dtype=str),
+        sentence=np.array(["; ".join(dict.fromkeys(filter(None, those))) for those in sentences], dtype=str),
         choice=np.array([choice.name for choice in choices], dtype=str),
         claim=np.array(asked, dtype=str),
         verdict=of_claims(lambda one: VERDICTS.index(one.verdict), np.int8),
         cause=of_claims(lambda one: CAUSES.index(one.cause), np.int8),
         trials=of_claims(lambda one: one.trials, np.int64),
-        component=np.array([label for _, label, _ in components], dtype=str),
+        component=np.array([label for _, label in components], dtype=str),
         value=numbers[0],
         error=numbers[1],
         limit=numbers[2],
@@ -331,8 +319,8 @@ def selected(table: Universes, those: np.ndarray) -> Universes:
 
 
 def _along() -> list[str]:
-    """The fields of a table that lie along its universes."""
-    return [name for name in quantities(Universes) if name not in _SHARED]
+    """The fields of a table that lie along its universes; these share all others."""
+    return [name for name, one in quantities(Universes).items() if "universe" in one.dims]
 
 
 def gathered(chunks: Sequence[Universes]) -> Universes:
@@ -359,8 +347,3 @@ def decoded(choices: Choices, row: Sequence[float]) -> dict[str, Any]:
         for one, number in zip(choices, row, strict=True)
         if np.isfinite(number)
     }
-
-
-def _sentence(outcomes: Mapping[str, Outcome]) -> str:
-    """The sentences of what fails, each once."""
-    return "; ".join(dict.fromkeys(one.sentence for one in outcomes.values() if one.sentence))

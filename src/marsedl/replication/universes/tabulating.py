@@ -15,15 +15,14 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
     rows = []
     for name in map(str, judge.table.claim):
         one = judge.judged(name)
-        cause, near = cause_of(one.effects), one.nearest
+        cause = cause_of(one.effects)
         rows.append(
             (
                 *(name, one.component, one.verdict, one.stands, ", ".join(one.on)),
                 *(one.number, one.error or None, one.printed),
                 *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
                 *(one.over_results.value, one.over_results.low, one.over_results.high),
-                *((near.number, near.universe) if near else (None, None)),
-                one.noise,
+                *(one.nearest, one.its_universe, one.noise),
                 f"{cause.choice}: {cause.value}" if cause else "",
             )
         )

@@ -17,26 +17,9 @@ from marsedl.replication.claims.claim import REFUTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice, Choices
-from marsedl.replication.universes.designs import (
-    AGAIN,
-    SEED,
-    WAVE,
-    Universe,
-    assignment_at,
-    combined_values,
-    interval_of,
-    sobol,
-    varied,
-)
-from marsedl.replication.universes.table import (
-    VERDICTS,
-    Universes,
-    components_of,
-    decoded,
-    gathered,
-    half_digit,
-    selected,
-)
+from marsedl.replication.universes import designs
+from marsedl.replication.universes.designs import AGAIN, WAVE, Universe, combined_values, interval_of
+from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, gathered, selected
 
 CANDIDATES = 8192
 MOST = 4  # waves
@@ -65,8 +48,9 @@ class Matching:
     def __init__(self, choices: Choices, published: Iterable[PublishedClaim]):
         """Take the choices, of which misprints are not varied, and what the paper prints."""
         self.choices = choices
-        self.varied = varied(choices)
+        self.varied = designs.varied(choices)
         self.headlines = sorted((one for one in published if one.headline), key=lambda one: one.headline)
+        self._statements = [one.id for one in self.headlines if one.kind == "qualitative"]
 
     def measured(self, table: Universes) -> dict[str, np.ndarray]:
         """Return how far each headline is from being true in each universe, with its standard deviation.
@@ -78,7 +62,7 @@ class Matching:
         for claim in (one for one in self.headlines if one.id in claims):
             place = claims.index(claim.id)
             verdicts = np.array(VERDICTS)[table.verdict[:, place]]
-            for label, index in components_of(claim):
+            for label, _, half in components_of(claim):
                 at = components.index(label)
                 distance = table.value[:, at] - table.limit[:, at]
                 deviation = np.nan_to_num(table.error[:, at])
@@ -87,23 +71,15 @@ class Matching:
                     distance = np.where(verdicts == "none", np.nan, distance)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
                     deviation = deviation * np.sqrt(1.0 + table.trials[:, place] / claim.trials)
-                found[label] = np.array([distance, np.hypot(deviation, half_digit(claim, index) / SIGMAS)])
+                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
         return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
-
-    def implausibility(self, table: Universes) -> np.ndarray:
-        """Return the largest standardized distance of a headline in each universe; NaN without all results."""
-        rows = [_standardized(*one, one_sided=self._is_statement(name)) for name, one in self.measured(table).items()]
-        return np.max(rows, axis=0) if rows else np.full(len(table.number), np.nan)
-
-    def _is_statement(self, label: str) -> bool:
-        return next(one.kind for one in self.headlines if one.id == label.partition("[")[0]) == "qualitative"
 
     def wave(self, table: Universes, number: int) -> tuple[Wave, np.ndarray]:
         """Return what the universes of a table rule out, and the candidates that are left, as points (count, varied).
 
         number: of the wave, which has candidates of its own.
         """
-        candidates = sobol(len(self.varied), CANDIDATES, SEED + 1 + number)
+        candidates = designs.sobol(len(self.varied), CANDIDATES, designs.SEED + 1 + number)
         points = self._points(table)
         among = np.isfinite(points).all(axis=1)
         features = _features(self.varied, np.nan_to_num(points))
@@ -115,10 +91,14 @@ class Matching:
                 continue
             mean, error = emulated(features[use], missing[use], wanted)
             spread = np.hypot(error, np.median(deviation[use]))
-            distances[label] = _standardized(mean, spread, one_sided=self._is_statement(label))
+            distances[label] = _standardized(mean, spread, one_sided=label in self._statements)
         worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
-        shares = {one.name: _shares(one, left[:, k]) for k, one in enumerate(self.varied)}
+        shares = {}
+        for k, one in enumerate(self.varied):
+            parts = 4 if one.range else len(combined_values(one))
+            counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
+            shares[one.name] = (counts / max(len(left), 1)).tolist()
         return Wave(len(left) / CANDIDATES, shares, () if len(left) else self._contradicting(distances)), left
 
     def waves(self, table: Universes) -> list[Wave]:
@@ -129,11 +109,7 @@ class Matching:
     def extended(self, table: Universes, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
         """Return a table with the universes of waves, and the best of all again with other random numbers.
 
-        Args:
-            table: universes that fill the space.
-            compute: computes universes.
-            count: universes of a wave.
-
+        table: universes that fill the space. count: universes of a wave.
         """
         before = math.inf
         for number in range(1, MOST + 1):
@@ -141,23 +117,32 @@ class Matching:
             if not len(left) or wave.volume > 0.9 * before:
                 break
             before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
-            universes = [
-                Universe(first + k, WAVE, assignment_at(self.choices, self.varied, point), wave=number)
-                for k, point in enumerate(left[:count])
-            ]
+            assignments = [designs.assignment_at(self.choices, self.varied, point) for point in left[:count]]
+            universes = [Universe(first + k, WAVE, one, wave=number) for k, one in enumerate(assignments)]
             table = gathered([table, compute(universes)])
-        own = np.where(table.seed == 0, self.implausibility(table), np.nan)
-        if not np.isfinite(own).any():
+        rows = [_standardized(*one, one_sided=name in self._statements) for name, one in self.measured(table).items()]
+        if not rows:
             return table
-        at = int(np.nanargmin(own))
+        worst = np.where(table.seed == 0, np.max(rows, axis=0), np.nan)  # NaN without all results
+        if not np.isfinite(worst).any():
+            return table
+        at = int(np.nanargmin(worst))
         assignment = decoded(self.choices, table.assignment[at])
         again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
         return table if again.number in table.number else gathered([table, compute([again])])
 
     def _points(self, table: Universes) -> np.ndarray:
-        """Universes as points of the unit cube (universe, varied)."""
-        rows = [decoded(self.choices, row) for row in table.assignment]
-        return np.array([[_share(one, row.get(one.name)) for one in self.varied] for row in rows])
+        """Universes as points of the unit cube (universe, varied); NaN for a value that is not combined."""
+        points = np.full((len(table.number), len(self.varied)), np.nan)
+        for at, row in enumerate(table.assignment):
+            values = decoded(self.choices, row)
+            for k, one in enumerate(self.varied):
+                value, names = values.get(one.name), combined_values(one)
+                if one.range and value is not None:
+                    points[at, k] = np.clip(one.range.share(value), 0.0, 1.0)
+                elif value in names:
+                    points[at, k] = (names.index(value) + 0.5) / len(names)
+        return points
 
     def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
         """The fewest headlines, one or two, that no candidate fulfils together; else all."""
@@ -172,11 +157,8 @@ class Matching:
 def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, float]:
     """Return what a ridge regression predicts, and the standard deviation of what it misses when a point is left out.
 
-    Args:
-        features: of the points with values (count, n).
-        values: at these points (count,).
-        wanted: features of the points to predict (m, n).
-
+    features: of the points with values (count, n); values: at these points (count,); wanted: features of the points to
+    predict (m, n).
     """
     unit = 2.0 ** (math.frexp(np.abs(values).max())[1] - 1)  # squares of a number that diverges would be infinite
     values = values / unit
@@ -206,20 +188,6 @@ def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
             blocks.append([(interval_of(points[:, k], count) == value) - 1.0 / count for value in range(count)])
     products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
     return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
-
-
-def _share(choice: Choice, value) -> float:
-    """A point of the unit interval at which a choice has a value; NaN for one that is not combined."""
-    if choice.range:
-        return math.nan if value is None else float(np.clip(choice.range.share(float(value)), 0.0, 1.0))
-    names = combined_values(choice)
-    return (names.index(value) + 0.5) / len(names) if value in names else math.nan
-
-
-def _shares(choice: Choice, points: np.ndarray) -> list[float]:
-    """Shares of the values of a choice among points; of a range, of its quarters."""
-    count = 4 if choice.range else len(combined_values(choice))
-    return (np.bincount(interval_of(points, count), minlength=count) / max(len(points), 1)).tolist()
 
 
 def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:

@@ -1,18 +1,19 @@
 """What moves if a choice, or an input, is another: `corrected` and one other universe, in memory."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import yaml
 
+from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.pipeline.catalogue import entry_of, function_of
 from marsedl.replication.pipeline.runner import Run
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe
-from marsedl.replication.universes.table import Evaluator, Outcome, components_of, half_digit, size_of_change
+from marsedl.replication.universes.table import Evaluator, Numbers, components_of, size_of_change
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,15 @@ class Moved:
         return self.turned or self.size > 1.0
 
 
+def moves_of(claim: PublishedClaim, before: Numbers, after: Numbers, *verdicts: str) -> Iterator[Moved]:
+    """Yield all numbers of a claim, by component before and after, with both verdicts on the claim."""
+    nothing = (math.nan, 0.0, math.nan)
+    for label, _, half in components_of(claim):
+        old, new = before.get(label, nothing), after.get(label, nothing)
+        error, size = math.hypot(old[1], new[1]), size_of_change(old, new, half)
+        yield Moved(claim.id, label, old[0], new[0], error, *verdicts, size)
+
+
 def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object], dict[str, object]]:
     """Return values of choices, and inputs by "section.key", from texts such as "noise_unit=newton".
 
@@ -65,22 +75,13 @@ def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object
 def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> list[Moved]:
     """Return the numbers that move, those whose verdict changes first, then the largest.
 
-    Args:
-        evaluator: of the paper.
-        assignment: values of choices.
-        inputs: further inputs by "section.key", as they are written in a configuration.
-
-    Raises:
-        InputError: for an unknown choice, value or input, and for inputs that do not fit together.
-
+    inputs: further ones by "section.key", as they are written in a configuration. Raises InputError for an unknown
+    choice, value or input, and for inputs that do not fit together.
     """
-    before, after = map(evaluator.outcomes, _runs(evaluator, assignment, inputs))
-    moved = [
-        _moved(evaluator, name, label, index, before[name], after[name])
-        for name in evaluator.asked
-        for label, index in components_of(evaluator.published[name])
-    ]
-    counting = [one for one in moved if one.counts]
+    (before, after), moved = map(evaluator.outcomes, _runs(evaluator, assignment, inputs)), []
+    for name, old in before.items():
+        moved += moves_of(evaluator.published[name], old.numbers, after[name].numbers, old.verdict, after[name].verdict)
+    counting = [replace(one, sentence=after[one.claim].sentence) for one in moved if one.counts]
     return sorted(counting, key=lambda one: (not one.turned, -np.nan_to_num(one.size)))
 
 
@@ -102,11 +103,3 @@ def drawn(evaluator: Evaluator, stem: str, assignment: Mapping[str, object], inp
     titles = "corrected", ", ".join(f"{name} = {value}" for name, value in {**assignment, **inputs}.items())
     runs = _runs(evaluator, assignment, inputs)
     return {t: run.given().call(function, published=evaluator.published) for t, run in zip(titles, runs, strict=True)}
-
-
-def _moved(evaluator: Evaluator, name: str, label: str, index: tuple, before: Outcome, after: Outcome) -> Moved:
-    nothing = (math.nan, 0.0, math.nan)
-    old, new = (one.numbers.get(index, nothing) for one in (before, after))
-    size = size_of_change(old, new, half_digit(evaluator.published[name], index))
-    error = math.hypot(old[1] or 0.0, new[1] or 0.0)
-    return Moved(name, label, old[0], new[0], error, before.verdict, after.verdict, size, after.sentence)

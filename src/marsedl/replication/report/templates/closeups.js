@@ -1,7 +1,6 @@
 // Plots of the report that a reader can look into; the data of each stands in its figure.
 "use strict";
 (() => {
-const every = (selector, root = document) => [...root.querySelectorAll(selector)];
 const clamp = (value, least, most) => Math.min(Math.max(value, least), most);
 const WIDTH = innerWidth < 640 ? 400 : 720, HEIGHT = innerWidth < 640 ? 340 : 460;  // so that text stays legible
 const LEFT = 66, RIGHT = 18, TOP = 16, BOTTOM = 50;
@@ -320,7 +319,7 @@ class Histories extends Plot {
 }
 
 const kinds = {scatter: Scatter, tube: Tube, histories: Histories};
-for (const part of every("details.closer")) {
+for (const part of document.querySelectorAll("details.closer")) {
   const figure = part.querySelector("figure");
   const draw = () => new kinds[figure.dataset.kind](figure);
   if (part.open) draw();  // by the address of the page, before this script was there
