@@ -24,13 +24,11 @@ MEASURED = {
 
 def kind_of(path: Path) -> tuple[str, str]:
     """Return the paper and the kind of job of a benchmark, by its path below `benchmarks`."""
-    *folders, name = path.with_suffix("").parts
-    if not folders:
-        return "all", name
-    if len(folders) == 2:  # of a reading: a stage, or one of its Monte Carlo cases
-        return folders[0], name.partition(".")[0]
-    kind = name.partition(".")[0]  # of universes there are chunks
-    return folders[0], kind if kind in JUDGED else "figures and tables"
+    *folders, name = path.parts
+    kind = name.partition(".")[0]  # without the chunks of Monte Carlo cases and universes
+    if len(folders) == 1 and kind not in JUDGED:  # two folders: a stage of a reading
+        kind = "figures and tables"
+    return folders[0] if folders else "all", kind
 
 
 def measured(folder: Path) -> pd.DataFrame:

@@ -2,7 +2,6 @@
 
 import time
 
-import numba
 import numpy as np
 from measuring import compare_flights, inputs_of, run, scaling, seconds
 
@@ -11,7 +10,6 @@ from marsedl.papers.desensitized import PAPER, environment, flight
 from marsedl.papers.desensitized.entry_problem import gain_vector
 from marsedl.papers.desensitized.gains import Law, reference
 
-PIPELINE_LIMIT = 480.0  # CPU s
 FIGURE = "fig04"
 TRIALS = 5000
 SCALING_TRIALS = 10_000  # enough work for both threads
@@ -29,8 +27,7 @@ def flights(found, trials):
 
 
 def measure(row):
-    """Measure everything of this paper; row: of `measuring.Rows`."""
-    numba.set_num_threads(1)
+    """Measure everything of this paper; row: `measuring.add_row` for it."""
     paper = run(PAPER.slug)
     found = paper.record("nominal")
     taken, path = seconds(lambda: paper.record("tradeoff"), time.process_time), paper.record("tradeoff")

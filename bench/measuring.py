@@ -1,8 +1,14 @@
-"""What the benchmarks of all papers share: inputs, taking turns, rows with targets."""
+"""What the benchmarks of all papers share: inputs, taking turns, rows with targets, the same flights in C."""
 
+import ctypes
 import os
 import resource
+import shlex
+import shutil
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from functools import cache
 from pathlib import Path
@@ -10,9 +16,6 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from marsedl.montecarlo.ensembles import reduce_blocks
-from marsedl.montecarlo.outcomes import NON_FINITE
-from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.checks.twice import snakemake
 from marsedl.replication.inputs.readings import load_study
@@ -23,30 +26,18 @@ ROOT = Path(__file__).resolve().parents[1]
 CORES = len(os.sched_getaffinity(0))
 REPETITIONS = 7
 FLIGHT_REPETITIONS = 25  # a kernel and its twin in C differ by little
+HEADER = ("paper", "quantity", "value", "unit", "target", "met", "note")
 
 
-class Rows:
-    """The table of results; target, whether it is met, and the note may be empty.
+def add_row(rows, paper, quantity, value, unit, at_least=None, below=None, note=""):
+    """Add a row with the columns of the header; target, whether it is met, and the note may be empty.
 
     The note says what is compared with the target; it stands where the target is not met.
     """
-
-    HEADER = ("paper", "quantity", "value", "unit", "target", "met", "note")
-
-    def __init__(self):
-        """Begin an empty table."""
-        self.rows = []
-
-    def of(self, paper):
-        """The function `row(quantity, value, unit, at_least=None, below=None, note="")` of a paper."""
-
-        def row(quantity, value, unit, at_least=None, below=None, note=""):
-            target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
-            met = value >= at_least if at_least is not None else value < below if below is not None else None
-            answer, three_digits = {None: "", True: "yes", False: "no"}[met], f"{float(f'{value:.3g}'):.9g}"
-            self.rows.append((paper, quantity, three_digits, unit, target, answer, "" if met is not False else note))
-
-        return row
+    target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
+    met = value >= at_least if at_least is not None else value < below if below is not None else None
+    answer, three_digits = {None: "", True: "yes", False: "no"}[met], f"{float(f'{value:.3g}'):.9g}"
+    rows.append((paper, quantity, three_digits, unit, target, answer, "" if met is not False else note))
 
 
 @cache
@@ -85,24 +76,6 @@ def ensembles_seconds(design, cases, trials):
     return seconds(fly, time.process_time)
 
 
-def above_memory(row, simulate_block, trials):
-    """Rows for the moments of the final state, reduced block by block: the speed, and the memory that they add.
-
-    Memory counts from the hundredth block on: the first ones load code and fill the allocator.
-    """
-    resident = []
-
-    def moments(block):
-        resident.append(Path("/proc/self/statm").read_text().split()[1])
-        return central_moments(block.final_state[:, block.outcome != NON_FINITE].T)
-
-    taken = seconds(lambda: reduce_blocks(simulate_block, 0, trials, moments, merge_moments), time.process_time)
-    pages = np.array(resident, int)
-    added = (pages[100:].max() - pages[:100].max()) * os.sysconf("SC_PAGE_SIZE") / 1e6
-    row(f"{trials:,} trials of which moments are kept, speed", trials / taken, "trials per s and core")
-    row(f"memory that {trials:,} trials add", max(added, 0.0), "MB", below=20.0)
-
-
 def interleaved(functions, repetitions=REPETITIONS):
     """Median wall times (s) of functions that take turns; each runs once beforehand."""
     rounds = [[seconds(function) for function in functions] for _ in range(repetitions + 1)]
@@ -114,11 +87,17 @@ def cpu_seconds(function, repetitions=3):
     return statistics.median(seconds(function, time.process_time) for _ in range(repetitions))
 
 
-def compare_flights(row, label, trials, flights):
-    """Rows for the same flights by several functions, by name, which take turns; returns their seconds by name."""
+def compare_flights(row, label, trials, flights, at_least=None):
+    """Rows for the same flights by several functions, by name, which take turns; returns their seconds by name.
+
+    at_least: the target of the kernel's speed over that of "strict C", if these are among them.
+    """
     taken = dict(zip(flights, interleaved(list(flights.values()), FLIGHT_REPETITIONS), strict=True))
     for name, each in taken.items():
         row(f"{name}, {label}", 1e6 * each / trials, "us per trial")
+    if "strict C" in taken:
+        ratio = taken["strict C"] / taken["kernel"]
+        row(f"speed of the kernel over strict C, {label}", ratio, "ratio", at_least=at_least)
     return taken
 
 
@@ -144,13 +123,47 @@ def scaling(row, fly):
     row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
 
 
-def children_cpu(tree, target):
-    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs.
-
-    One job at a time: those that share a core slow each other, and their CPU times grow.
-    """
+def children_cpu(*targets):
+    """CPU seconds, user and system, of a Snakemake run in this project and of all its jobs, one at a time."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = snakemake(tree, target, "--cores", "1", NUMBA_NUM_THREADS="1")
+    done = snakemake(ROOT, *targets, "--cores", "1", NUMBA_NUM_THREADS="1")
     assert done.returncode == 0, done.stdout[-3000:]
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+# --------------------------------------------------------------------------------------------------------- flights in C
+
+# Strict IEEE arithmetic without contraction and reordering, in the processor's widest vectors: the kernels' bits.
+FLAGS = "-std=c11 -O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapping-math -shared -fPIC"
+WIDE = "-mprefer-vector-width=512"  # on processors that have such vectors; without it compilers take 256 bits
+
+
+@cache
+def library(name):
+    """The shared library of `name`.c in this folder; None, after a loud word, where no compiler is."""
+    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    if not compiler:
+        print(f"NO C COMPILER: flights in C are SKIPPED ({name}.c); install one, or name it by CC", file=sys.stderr)
+        return None
+    source, target = Path(__file__).with_name(f"{name}.c"), f"{tempfile.mkdtemp()}/{name}.so"
+    flags = [*FLAGS.split(), *[WIDE] * (os.uname().machine == "x86_64")]
+    subprocess.run([*shlex.split(compiler), *flags, "-o", target, source, "-lm"], check=True)
+    return ctypes.CDLL(target)
+
+
+def call(function, values, arrays):
+    """Call a C function with a structure of these values in their order, and with arrays; all are C-contiguous.
+
+    All members of the structure have 64 bits: pointers to arrays, doubles for floats, and integers for all others.
+    """
+    assert all(array.flags.c_contiguous for array in (*values, *arrays) if getattr(array, "shape", ()))
+    structure = np.array([_bits(value) for value in values], np.int64)
+    function(*(array.ctypes.data_as(ctypes.c_void_p) for array in (structure, *arrays)))
+
+
+def _bits(value):
+    """The 64 bits of a member, as an integer."""
+    if getattr(value, "shape", ()):
+        return value.ctypes.data
+    return np.float64(value).view(np.int64) if isinstance(value, float) else int(value)

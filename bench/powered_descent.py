@@ -1,22 +1,18 @@
 """The powered descent: design, kernel against strict C and array code, scaling with threads, ensembles."""
 
-import compiled
 import measuring
-import numba
 import numpy as np
 from measuring import run
 
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.powered_descent import PAPER, flight, montecarlo, segments
+from marsedl.papers.powered_descent import PAPER, flight, segments
 
-PIPELINE_LIMIT = 120.0  # CPU s
 FIGURE = "fig07"
 TRIALS = 2000  # the paper's
 SCALING_TRIALS = 20_000  # enough work for both threads
 PAPER_CORE_SECONDS = 12 * 3600 * 32 / 2000  # per trial: 12 h on 32 cores for 2,000 trials
 ENSEMBLE = 1_000_000
-ABOVE_MEMORY = 10_000_000
 
 
 def problem(gains, trials):
@@ -75,7 +71,7 @@ def fly_c(library, schedules, plant, initial_states, draws, *, steps_per_output)
         values = [control.gain, control.mean, control.feedforward, *map(float, (*plant, control.step))]
         values += [control.steps, every, trials, increment, draws.seed, flight.NOISE_STREAM, draws.first_trial]
         stored = flown.history[output : output + count], flown.observed[output : output + count]
-        compiled.call(library.fly_segment, values, (flown.final_state, *stored, flown.observed_maximum))
+        measuring.call(library.fly_segment, values, (flown.final_state, *stored, flown.observed_maximum))
         output, increment = output + count, increment + control.steps
     return flown.first(len(initial_states))
 
@@ -95,28 +91,16 @@ def compare(row, gains):
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
     normal = np.random.Generator(np.random.Philox(seed)).standard_normal
     flights["array code"] = lambda: fly_numpy(schedules, plant, every, states, lambda: normal((2, TRIALS)))
-    if library := compiled.library("powered_descent"):
+    if library := measuring.library("powered_descent"):
         flights["strict C"] = lambda: fly_c(library, *posed, steps_per_output=every)
         measuring.same_bits(flights["strict C"](), expected)
     label = f"{TRIALS:,} trials with outputs"
-    seconds = measuring.compare_flights(row, label, TRIALS, flights)
+    seconds = measuring.compare_flights(row, label, TRIALS, flights, at_least=0.88)
     row("speed of the kernel over array code", seconds["array code"] / seconds["kernel"], "ratio", at_least=3.0)
-    if library:
-        ratio = seconds["strict C"] / seconds["kernel"]
-        row(f"speed of the kernel over strict C, {label}", ratio, "ratio", at_least=0.88)
-
-
-def large(row, made, trials=ABOVE_MEMORY):
-    """Rows for an ensemble of which no trial is kept."""
-    i = measuring.inputs_of(PAPER.slug)
-    flights = montecarlo.Flights(*(getattr(i, section) for section in montecarlo.Flights._fields))
-    simulate_block = montecarlo.block_simulator(flights, made.record("nominal"), made.record("gains"), "closed_loop")
-    measuring.above_memory(row, simulate_block, trials)
 
 
 def measure(row):
-    """Measure everything of this paper; row: of `measuring.Rows`."""
-    numba.set_num_threads(1)
+    """Measure everything of this paper; row: `measuring.add_row` for it."""
     made = measuring.designed(PAPER.slug)
     design = measuring.cpu_seconds(lambda: run(PAPER.slug).record("nominal"), measuring.REPETITIONS)
     row("design with mass iteration, compiled", design, "CPU s", below=1.0)
@@ -127,6 +111,5 @@ def measure(row):
     ours = measuring.ensembles_seconds(made, ["closed_loop"], ENSEMBLE) / ENSEMBLE
     row(f"ensemble of {ENSEMBLE:,} trials, speed", 1 / ours, "trials per s and core")
     row("ensemble, statistics included", ours, "core-s per trial")
-    large(row, made)
     row("the same in the paper", PAPER_CORE_SECONDS, "core-s per trial")
     row("paper over ours", PAPER_CORE_SECONDS / ours, "ratio")

@@ -4,7 +4,6 @@ The printed form is the paper's own: the unknown is L, and every constraint and 
 square root of S as it stands there.
 """
 
-import numba
 import numpy as np
 from measuring import cpu_seconds, designed, ensembles_seconds, inputs_of, interleaved
 
@@ -12,7 +11,6 @@ from marsedl.methods.covariance_steering.block_program import solve
 from marsedl.papers.random_field import PAPER, gains, linearization, nominal
 from marsedl.papers.random_field.inputs import MODEL
 
-PIPELINE_LIMIT = 360.0  # CPU s
 FIGURE = "fig12"
 ALL_TRIALS = 100_000  # under each law
 
@@ -38,8 +36,7 @@ def compare_forms(row, posed):
 
 
 def measure(row):
-    """Measure everything of this paper; row: of `measuring.Rows`."""
-    numba.set_num_threads(1)
+    """Measure everything of this paper; row: `measuring.add_row` for it."""
     paper, design = designed(PAPER.slug), cpu_seconds(lambda: designed(PAPER.slug))
     row("nominal, linear model and laws of three iterations, compiled", design, "CPU s")
     compare_forms(row, first_program(paper.record("nominal"), paper.record("linearization").partition))

@@ -83,11 +83,6 @@ INLINE void drift(flight_t *f, double state[][LANES], double out[][LANES]) {
     }
 }
 
-static void advance(flight_t *f, double step, double state[][LANES]) {
-#define DRIFT(number, x, out) drift(f, x, out)
-    RUNGE_KUTTA(STATES, step, state, DRIFT);
-}
-
 static void step_lane(const flight_t *f, double step, int lane, const double start[STATES], double end[STATES]) {
     static const double AHEAD[4] = {0.0, 0.5, 0.5, 1.0};
     double slope[STATES] = {0}, x[STATES], now[STATES], log_density, factor;
@@ -176,7 +171,7 @@ static void command_cosine(const flight_t *f, int64_t cycle, double feature[][LA
         EACH_LANE {
             double command = p->bank_cosine[row];
             for (int j = 0; j < FEATURES; j++) command += gain[j] * (feature[j][lane] - reference[j]);
-            steering[COMMAND_COSINE][lane] = command;
+            steering[COMMAND_COSINE][lane] = smaller(larger(command, -1.0), 1.0);
         }
     } else
         EACH_LANE {
@@ -195,12 +190,8 @@ static void command_cosine(const flight_t *f, int64_t cycle, double feature[][LA
                     command += k * (feature[j][lane] - reference[j] - rest * (reference[j + FEATURES] - reference[j]));
                 }
             }
-            steering[COMMAND_COSINE][lane] = command;
+            steering[COMMAND_COSINE][lane] = smaller(larger(command, -1.0), 1.0);
         }
-    EACH_LANE {
-        double command = steering[COMMAND_COSINE][lane] < -1.0 ? -1.0 : steering[COMMAND_COSINE][lane];
-        steering[COMMAND_COSINE][lane] = command > 1.0 ? 1.0 : command;
-    }
 }
 
 static void command_bank(const flight_t *f, double time, double feature[][LANES], double sight[][LANES],
@@ -318,7 +309,8 @@ void fly(const problem_t *p, double *history, double *observed, double *largest,
                 EACH_LANE steering[FLOWN_CHANGE][lane] = 0.0;
             }
             memcpy(before, state, sizeof state);
-            advance(f, step, state);
+#define DRIFT(number, x, out) drift(f, x, out)
+            RUNGE_KUTTA(STATES, step, state, DRIFT);
             EACH_LANE {
                 if (!(state[SPEED][lane] <= c->end_velocity && steering[FLYING][lane] > 0.0)) continue;
                 double start[STATES], end[STATES];

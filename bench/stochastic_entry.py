@@ -1,36 +1,23 @@
 """The entry: design, flight kernel against strict C, scaling with threads, all cells at full size."""
 
-import compiled
-import numba
+import measuring
 import numpy as np
-from measuring import (
-    above_memory,
-    compare_flights,
-    cpu_seconds,
-    designed,
-    ensembles_seconds,
-    inputs_of,
-    same_bits,
-    scaling,
-)
 
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.lanes import LANES
 from marsedl.papers.stochastic_entry import PAPER, dispersions, flight, gains, montecarlo, records
 from marsedl.papers.stochastic_entry.inputs import MODEL
 
-PIPELINE_LIMIT = 300.0  # CPU s
 FIGURE = "fig12"
 TRIALS = 1000  # the paper's
 SCALING_TRIALS = 10_000  # enough work for both threads
 ALL_TRIALS = 100_000  # of each cell
-ABOVE_MEMORY = 1_000_000
 CASES = ("apollo_velocity", "stochastic_velocity")
 
 
 def problem(made, case, trials):
     """Settings, air, law and vehicles of a case, as `flight.fly` takes them, and its options."""
-    i = inputs_of(PAPER.slug)
+    i = measuring.inputs_of(PAPER.slug)
     plant = flight.plant_of(i.planet, i.air, i.vehicle, i.mission, i.guidance)
     law = gains.law(i.guidance, made.record("linearization"), made.record("gains"), case)
     vehicles = flight.vehicles_of(plant.dispersions, i.simulation.seed, np.arange(trials))
@@ -55,7 +42,7 @@ def fly_c(library, settings, air, law, vehicles, *, trigger, end_time, substeps,
     values += [law.least_drag, float(end_time), len(air.altitude), law.kind == flight.BY_TIME, len(law.gain), cycles]
     values += [substeps, padded, seed, dispersions.DENSITY_STREAM, 0]
     outputs = stored.history, stored.observed, stored.observed_maximum, stored.length, stored.final_state
-    compiled.call(library.fly, values, [*outputs, np.empty((len(air.altitude), LANES))])
+    measuring.call(library.fly, values, [*outputs, np.empty((len(air.altitude), LANES))])
     return stored.first(trials)
 
 
@@ -63,32 +50,20 @@ def compare(row, made, case):
     """Agreement of the kernel with C, then their times, which include all random numbers."""
     posed, options = problem(made, case, TRIALS)
     label, flights = f"{TRIALS:,} flights of {case} with outputs", {"kernel": lambda: flight.fly(*posed, **options)}
-    if library := compiled.library("stochastic_entry"):
+    if library := measuring.library("stochastic_entry"):
         flights["strict C"] = lambda: fly_c(library, *posed, **options)
-        same_bits(flights["strict C"](), flights["kernel"]())
-    seconds = compare_flights(row, label, TRIALS, flights)
-    if library:
-        ratio = seconds["strict C"] / seconds["kernel"]
-        row(f"speed of the kernel over strict C, {label}", ratio, "ratio", at_least=0.95)
-
-
-def large(row, made, trials=ABOVE_MEMORY):
-    """Rows for an ensemble of which no trial is kept."""
-    i = inputs_of(PAPER.slug)
-    flights = montecarlo.Flights(*(getattr(i, section) for section in montecarlo.Flights._fields))
-    made_of = map(made.record, ("nominal", "linearization", "gains"))
-    above_memory(row, montecarlo.block_simulator(flights, *made_of, CASES[1]), trials)
+        measuring.same_bits(flights["strict C"](), flights["kernel"]())
+    measuring.compare_flights(row, label, TRIALS, flights, at_least=0.95)
 
 
 def measure(row):
-    """Measure everything of this paper; row: of `measuring.Rows`."""
-    numba.set_num_threads(1)
-    made = designed(PAPER.slug)
-    row("nominal, linear model and gains, compiled", cpu_seconds(lambda: designed(PAPER.slug)), "CPU s")
+    """Measure everything of this paper; row: `measuring.add_row` for it."""
+    made = measuring.designed(PAPER.slug)
+    design = measuring.cpu_seconds(lambda: measuring.designed(PAPER.slug))
+    row("nominal, linear model and gains, compiled", design, "CPU s")
     for case in CASES:
         compare(row, made, case)
     posed, options = problem(made, CASES[0], SCALING_TRIALS)
-    scaling(row, lambda: flight.fly(*posed, **options))
-    large(row, made)
-    seconds = ensembles_seconds(made, MODEL.CASES, ALL_TRIALS)
+    measuring.scaling(row, lambda: flight.fly(*posed, **options))
+    seconds = measuring.ensembles_seconds(made, MODEL.CASES, ALL_TRIALS)
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)

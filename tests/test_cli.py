@@ -1,6 +1,7 @@
 """The command `marsedl`: what it says, what it returns, and what it does not import."""
 
 import json
+import math
 import os
 import re
 import shutil
@@ -10,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from marsedl import cli
+from marsedl import cli, overview
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
+from marsedl.replication.universes.what_if import Moved
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
@@ -146,11 +148,10 @@ def test_tables_fit_the_terminal(project, capsys, monkeypatch, width):
 
 
 def test_list_imports_nothing_heavy():
-    """Counting needs no models of inputs; these bring pydantic, and numpy for the checks of covariances."""
     code = (
-        "import sys; from marsedl.cli import main; main(['list'])\n"
-        "assert not {'numpy', 'pydantic'} & sys.modules.keys()\n"
-        "main(['list', '--claims']); main(['explain', 'funnels'])\n"
+        "import sys; from marsedl.cli import main\n"
+        "assert not {'numpy', 'pydantic'} & sys.modules.keys(), 'numerics are pinned before'\n"
+        "main(['list']); main(['list', '--claims']); main(['explain', 'funnels'])\n"
         f"print('imported', [name for name in {HEAVY!r} if name in sys.modules])"
     )
     process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
@@ -232,7 +233,7 @@ def claim_row(**values) -> dict:
     result = {"value": 1349.4, "standard_error": None, "trials": None, "verdict": "differs", "evidence": ["a sentence"]}
     row = {"paper": "powered_descent", "id": "prior_final_mass", "verdict": "differs", "reading": "corrected"}
     row |= {"where": "Sec. V", "quantity": "mass", "unit": "kg", "kind": "deterministic", "printed": 1346.0}
-    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **values}
+    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": result}, **values}
 
 
 def write_verdicts(folder, *rows, name="claims.json") -> Path:
@@ -351,6 +352,17 @@ def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, argum
     monkeypatch.setattr("marsedl.replication.pipeline.runner.replay", lambda *call: trials.append(call[4]))
     assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
     assert trials == [(case, 7)]
+
+
+# ------------------------------------------------------------------------------------------------------------ what-if
+
+
+def test_a_number_that_there_is_not_is_null_in_json():
+    turned = Moved("a", "a", 1.0, math.nan, 0.0, "holds", "fails", math.nan)
+    (text,) = overview.moved([turned], as_json=True)
+    (row,) = json.loads(text, parse_constant=pytest.fail)  # called for NaN, which is no JSON
+    assert row["before"] == 1.0
+    assert row["after"] is row["size"] is row["standard_errors"] is None
 
 
 # ------------------------------------------------------------------------------------------------ in the built project

@@ -14,8 +14,12 @@ from pathlib import Path
 
 import marsedl
 from marsedl import overview
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.checks import numbers
 from marsedl.replication.errors import InputError, MarsedlError, StaleError, nearest
 from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.pipeline import numerics
+from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import printable
 
@@ -39,6 +43,8 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    finally:
+        fingerprints_of().save()  # what it took to read the code, for the next command
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -52,22 +58,19 @@ def command_line() -> argparse.ArgumentParser:
     )
     version = f"marsedl {marsedl.__version__}"
     parser.add_argument("--version", action="version", version=version, help="show the version and exit")
-    commands = parser.add_subparsers(
-        dest="command", required=True, metavar="command", help="'marsedl COMMAND --help' shows its arguments"
-    )
-    parsers = {}
+    shows = "'marsedl COMMAND --help' shows its arguments"
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command", help=shows)
     for name, function in COMMANDS.items():
         summary = function.__doc__.splitlines()[0].removesuffix(".")
-        parsers[name] = commands.add_parser(name, help=summary[0].lower() + summary[1:], description=function.__doc__)
+        commands.add_parser(name, help=summary[0].lower() + summary[1:], description=function.__doc__)
 
     def add(names: str, *flags: str, **options) -> None:
         for name in names.split():
-            parsers[name].add_argument(*flags, **options)
+            commands.choices[name].add_argument(*flags, **options)
 
     add("list", "paper", nargs="?", help="a paper, such as powered_descent (default: all papers)")
     for kind in overview.KINDS:
-        what = f"list only the {kind} (can be combined)"
-        add("list", f"--{kind}", dest="kinds", action="append_const", const=kind, help=what)
+        add("list", f"--{kind}", dest="kinds", action="append_const", const=kind, help=f"only {kind} (can be combined)")
     add("explain trial what-if universe compare", "paper", help="a paper, such as powered_descent")
     add("explain", "item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
     add("explain", "--reading", metavar="NAME", default=CORRECTED, help="whose inputs to show (default: %(default)s)")
@@ -89,14 +92,14 @@ def command_line() -> argparse.ArgumentParser:
     add("compare", "-o", "--output", metavar="FILE", type=Path, help="the page (default: below build/compare)")
     add("universe", "number", type=int, help="its number in the table of universes")
     add("verify", "--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
-    own = "with --reference: only this paper; can be repeated"
     add("verify", "--all", action="store_true", help="show every number that moved, not only those of claims")
     what = "reference numbers of your own: a folder, or a file with --numbers"
     add("verify accept", "--reference", metavar="PATH", type=Path, help=what)
     what = "with --reference: a table of any results with the columns name, value, unit and standard_error"
     add("verify accept", "--numbers", metavar="CSV", type=Path, help=what)
     add("verify", "--tolerance", metavar="SE", default="3se", help="with --numbers: standard errors (default: 3se)")
-    add("verify accept", "--paper", metavar="NAME", action="append", default=[], help=own)
+    what = "with --reference: only this paper; can be repeated"
+    add("verify accept", "--paper", metavar="NAME", action="append", default=[], help=what)
     add("new-paper", "slug", help="its name in files and targets, such as powered_descent")
     add("new-paper", "--title", default="Title to be given", help="the paper's title")
     add("new-paper", "--authors", default="Authors to be named", help="the paper's authors, in one line")
@@ -107,9 +110,6 @@ def command_line() -> argparse.ArgumentParser:
     file = "a file with readings of your own, as for snakemake"
     add("explain trial verify accept compare", "--configfile", metavar="FILE", type=Path, help=file)
     return parser
-
-
-# -------------------------------------------------------------------------------------------------------- the project
 
 
 def project_root() -> Path:
@@ -125,7 +125,7 @@ class Project:
 
     def __init__(self, size: str | None = None, config_file: Path | None = None):
         """Load all studies; raises InputError as `load_studies`."""
-        from marsedl.papers import SLUGS, input_model
+        from marsedl.replication.claims.rows import read_claims
         from marsedl.replication.inputs.readings import load_studies
 
         self.root, models = project_root(), {slug: input_model(slug) for slug in SLUGS}
@@ -133,6 +133,7 @@ class Project:
         self.studies = load_studies(models, self.root, config, files)
         self.size = self.studies[SLUGS[0]].size
         self.folder = build_folder(self.root, self.size)  # of the products of this size
+        self._read_claims = cache(read_claims)
         # Of snakemake, to build this size with these readings.
         self.options = f" --config size={shlex.quote(size)}" if size and size != FULL else ""
         if config_file is not None:
@@ -141,33 +142,23 @@ class Project:
             self.options += f" --configfile {shlex.quote(str(path))}"
 
     @cached_property
-    def _read_claims(self):
-        """Read the verdicts in a file once."""
-        from marsedl.replication.claims.rows import read_claims
-
-        return cache(read_claims)
-
-    @cached_property
     def recipes(self):
         """What all products are made from."""
         from marsedl.comparison import comparisons
         from marsedl.replication.pipeline.staleness import Recipes
 
-        catalogues = {slug: _catalogue(slug) for slug in self.studies}
-        return Recipes(self.root, catalogues, self.studies, comparisons(), self.size)
+        return Recipes(self.root, {s: catalogue(s) for s in SLUGS}, self.studies, comparisons(), self.size)
 
     def check(self, products: list[str], command: str = "") -> None:
         """Raise StaleError, which names the command to run, if products of this size are not up to date."""
         self.recipes.check(products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
 
-    def verdicts(self, slug: str) -> dict | None:
-        """A paper's verdicts by the ids of its claims, of its last build alone or with all; None if there is none."""
+    def verdicts(self, slug: str) -> dict:
+        """A paper's verdicts by the ids of its claims, of its last build alone or with all; empty if there is none."""
         files = [self.folder / "report" / name for name in ("claims.json", f"claims/{slug}.json")]
-        files = [path for path in files if path.exists()]
-        if not files:
-            return None
-        newest = max(files, key=lambda path: path.stat().st_mtime_ns)  # the first of equal ones, which knows universes
-        return {row.id: row for row in self._read_claims(newest) if row.paper == slug} or None
+        # Of equally old ones the first, which knows universes.
+        newest = max(filter(Path.exists, files), key=lambda path: path.stat().st_mtime_ns, default=None)
+        return {row.id: row for row in self._read_claims(newest) if row.paper == slug} if newest else {}
 
     def published(self, slug: str) -> list:
         """The printed claims of a paper."""
@@ -179,35 +170,16 @@ class Project:
         """The numbers of this size that texts of a paper can quote."""
         from marsedl.replication.claims.quotes import Quotes
 
-        verdicts = self.verdicts(slug)
-        return Quotes(verdicts and verdicts.values(), self.studies[slug].readings, reading)
+        return Quotes(self.verdicts(slug).values() or None, self.studies[slug].readings, reading)
 
     def paper(self, slug: str, reading: str = CORRECTED):
         """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
         from marsedl.replication.claims.quotes import committed, with_numbers
 
-        if self.verdicts(slug) is None and reading == CORRECTED:
+        if not self.verdicts(slug) and reading == CORRECTED:
             with contextlib.suppress(InputError):  # a quote that was not accepted yet
-                return with_numbers(_catalogue(slug), committed(self.root, slug))
-        return with_numbers(_catalogue(slug), self.quotes(slug, reading))
-
-
-def _catalogue(slug):
-    """The catalogue of a paper. What it took to read the code for it is kept for the next command."""
-    from marsedl.papers import catalogue
-    from marsedl.replication.pipeline.fingerprints import fingerprints_of
-
-    paper = catalogue(_known(slug))
-    fingerprints_of().save()
-    return paper
-
-
-def _known(slug: str) -> str:
-    from marsedl.papers import SLUGS
-
-    if slug not in SLUGS:
-        raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
-    return slug
+                return with_numbers(catalogue(slug), committed(self.root, slug))
+        return with_numbers(catalogue(slug), self.quotes(slug, reading))
 
 
 def _say(*texts: object) -> None:
@@ -216,24 +188,19 @@ def _say(*texts: object) -> None:
         print(printable(text))
 
 
-# -------------------------------------------------------------------------------------------------------- the commands
-
-
 def _list(options) -> None:
     """List papers with their readings, figures, tables, stages, Monte Carlo cases and claims.
 
     Without arguments it counts them; with a paper or a kind it names each one.
     """
-    from marsedl.papers import SLUGS
-
-    slugs = [_known(options.paper)] if options.paper else SLUGS
-    project = Project(options.size) if options.paper or options.kinds or options.size else None
+    project = Project(options.size)
+    papers = [project.paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
     if options.paper or options.kinds:
-        _say(*(line for slug in slugs for line in overview.listed(project, project.paper(slug), options.kinds)))
+        _say(*(line for paper in papers for line in overview.listed(project, paper, options.kinds)))
         return
-    _say(*(overview.there(project_root(), slug) for slug in slugs))
+    _say(*(f"{overview.heading(paper)}\n  {overview.counts(project, paper)}\n" for paper in papers))
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
-    _say("targets: " + ", ".join([*TARGETS, *slugs]))
+    _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
 
 
 def _explain(options) -> None:
@@ -241,7 +208,7 @@ def _explain(options) -> None:
 
     Shows the artifacts, the inputs with their sources and the code behind it, and the verdict on a claim.
     """
-    paper, name = _catalogue(options.paper), options.item
+    paper, name = catalogue(options.paper), options.item
     slug, project = paper.slug, Project(options.size, options.configfile)
     reading = project.studies[slug].reading(options.reading)
     claims = {claim.id: claim for claim in project.published(slug)}
@@ -276,10 +243,10 @@ def _trial(options) -> None:
 
     Prints how the trial goes, and whether it agrees with the stored ensemble if there is one.
     """
-    _pin_numerics()
+    numerics.pin_numerics(project_root())
     from marsedl.replication.pipeline import runner
 
-    paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
+    paper, project = catalogue(options.paper), Project(options.size, options.configfile)
     study = project.studies[paper.slug]
     cases = study.reading(options.reading).inputs.CASES
     if not cases:
@@ -293,16 +260,16 @@ def _what_if(options) -> None:
 
     Computes in memory, and shows the verdicts that change and the numbers that move by more than their error.
     """
-    _pin_numerics()
+    numerics.pin_numerics(project_root())
     from marsedl.plotting.style import save_side_by_side
+    from marsedl.replication.universes.table import Evaluator
     from marsedl.replication.universes.what_if import changes_of, drawn, what_if
 
-    evaluator = _evaluator(options.paper)
+    evaluator = Evaluator(catalogue(options.paper), input_model(options.paper), project_root())
     assignment, inputs = changes_of(options.changes, evaluator.study.choices)
     if options.trials:
         evaluator.limit_trials(options.trials)
-    moved = what_if(evaluator, assignment, inputs)
-    _say(*overview.moved(moved, as_json=options.json))
+    _say(*overview.moved(what_if(evaluator, assignment, inputs), as_json=options.json))
     if options.figure:
         path = Path("build/what-if") / options.paper / f"{options.figure}.png"
         save_side_by_side(drawn(evaluator, options.figure, assignment, inputs), path)
@@ -316,7 +283,7 @@ def _compare(options) -> None:
     """
     from marsedl.replication.checks import compare
 
-    paper, project = _catalogue(options.paper), Project(options.size, options.configfile)
+    paper, project = catalogue(options.paper), Project(options.size, options.configfile)
     study, sides = project.studies[paper.slug], []
     for folder, of in [compare.named(name, study) for name in (options.other, options.mine)]:
         is_universe = isinstance(of, int)
@@ -345,27 +312,13 @@ def _compare(options) -> None:
 
 def _universe(options) -> None:
     """Compute one universe of a paper again, and show its choices and what its claims give."""
-    _pin_numerics()
+    numerics.pin_numerics(project_root())
     from marsedl.replication.universes.designs import numbered
-
-    evaluator = _evaluator(options.paper)
-    universe = numbered(evaluator.study.choices, options.number)
-    _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
-
-
-def _pin_numerics() -> None:
-    """Give this process the numeric environment of jobs, before it imports numpy."""
-    from marsedl.replication.pipeline.numerics import pin_numerics
-
-    pin_numerics(project_root())
-
-
-def _evaluator(slug: str):
-    """What evaluates the claims of a paper in universes."""
-    from marsedl.papers import input_model
     from marsedl.replication.universes.table import Evaluator
 
-    return Evaluator(_catalogue(slug), input_model(slug), project_root())
+    evaluator = Evaluator(catalogue(options.paper), input_model(options.paper), project_root())
+    universe = numbered(evaluator.study.choices, options.number)
+    _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
 
 
 def _verify(options) -> int:
@@ -375,52 +328,43 @@ def _verify(options) -> int:
     --reference it only compares a build with numbers of your own. The exit status is 1 if anything differs.
     """
     if options.numbers:
-        return _numbers(options)
+        return 0 if numbers.compare_numbers(*_tables(options), numbers.tolerance_of(options.tolerance)) else 1
     from marsedl.replication.checks import reference, twice, universes
 
     project, shared, made, folder = _up_to_date(options)
-    once = options.no_rebuild or folder is not None
-    equal = once or twice.build_twice(project.root)
+    equal = options.no_rebuild or folder is not None or twice.build_twice(project.root)
     agree = reference.compare_reference(project.root, project.folder, shared, made, folder, all_of_them=options.all)
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 
 
-def _accept(options) -> int:
+def _accept(options) -> None:
     """Store the numbers of the full-size build as the reference.
 
     Prints what changes in data/reference. Run it after a full build whose changes you have looked at. With --reference
     it stores the numbers of a build in a folder of your own.
     """
     if options.numbers:
-        return _numbers(options)
-    from marsedl.papers import SLUGS
+        _say(numbers.accept_numbers(*_tables(options)))
+        return
     from marsedl.replication.checks import reference, universes
     from marsedl.replication.claims import quotes
 
     project, shared, made, folder = _up_to_date(options)
-    paths = reference.accept_reference(project.root, project.folder, shared, made, folder)
-    _say(*(f"wrote {path}" for path in paths))
+    _say(*(f"wrote {path}" for path in reference.accept_reference(project.root, project.folder, shared, made, folder)))
     if folder is None:
         _say(*(f"wrote {path}" for path in universes.accept_universes(project.root, project.folder, shared)))
         _say(f"wrote {reference.accept_inputs(project.root, project.studies)}")
-        quoted = {slug: (_catalogue(slug), project.quotes(slug)) for slug in SLUGS}
+        quoted = {slug: (catalogue(slug), project.quotes(slug)) for slug in SLUGS}
         _say(f"wrote {quotes.accept(project.root, quoted)}")
         _readme(options)
-    return 0
 
 
-def _numbers(options) -> int:
-    """Compare a table of any results with its reference, or store it as the reference."""
-    from marsedl.replication.checks import numbers
-
+def _tables(options) -> tuple[Path, Path]:
+    """A table of any results, and the file of its reference."""
     if options.reference is None:
         raise InputError("--numbers needs --reference FILE, which 'marsedl accept' writes")
-    files = options.numbers, options.reference
-    if options.command == "accept":
-        _say(numbers.accept_numbers(*files))
-        return 0
-    return 0 if numbers.compare_numbers(*files, numbers.tolerance_of(options.tolerance)) else 1
+    return options.numbers, options.reference
 
 
 def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
@@ -428,36 +372,29 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
 
     Raises StaleError, with the command that helps, if claims or what they are made from are not up to date.
     """
-    from marsedl.papers import SLUGS
     from marsedl.replication.checks import reference
 
-    needed = ["paper", "size", *["configfile"] * (options.command == "accept")]
-    given = [name for name in needed if getattr(options, name)]
-    if given and options.reference is None:
-        raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
-    papers = [_catalogue(slug).slug for slug in options.paper or SLUGS]
+    for name in ("paper", "size", *["configfile"] * (options.command == "accept")):
+        if getattr(options, name) and options.reference is None:
+            raise InputError(f"--{name} needs --reference FOLDER, a folder with reference numbers of your own")
+    papers = [catalogue(slug).slug for slug in options.paper or SLUGS]
     project = Project(options.size, options.configfile)
     if options.command == "verify":
         reference.check_size(project.root, papers, options.reference, project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]
     project.check(targets, "all" if options.reference is None else "")
     shared = {slug: project.recipes.shared[slug] for slug in papers}
-    made = {slug: reference.made_from(project.root, _catalogue(slug), project.studies[slug], project.size)
-            for slug in papers}  # fmt: skip
+    made = {slug: reference.made_from(project.root, one.paper, one.study, project.size) for slug, one in shared.items()}
     return project, shared, made, options.reference and options.reference.absolute()
 
 
 def _readme(options) -> None:
-    """Write what came out of each paper into README.md.
-
-    Writes the answers and the badge from the stored verdicts.
-    """
-    from marsedl.papers import SLUGS
+    """Write what came out of each paper, by the stored verdicts, into README.md and its badge."""
     from marsedl.replication.claims.quotes import committed, with_numbers
     from marsedl.replication.report import front_page
 
     root = project_root()
-    papers = [with_numbers(_catalogue(slug), committed(root, slug)) for slug in SLUGS]
+    papers = [with_numbers(catalogue(slug), committed(root, slug)) for slug in SLUGS]
     _say(*(f"wrote {path}" for path in front_page.write(root, papers)))
 
 

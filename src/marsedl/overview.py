@@ -6,14 +6,13 @@ A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers t
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from importlib import import_module
 from math import isfinite, nan
-from pathlib import Path
 
-from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.numbers import format_result
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, Paper, entry_of
+from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, entry_of
+from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.terminal import columns
 
 KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
@@ -26,37 +25,19 @@ MADE_BY = {  # what Snakemake is asked for to make an item of a kind
 }
 
 
-def _heading(paper) -> str:
+def heading(paper) -> str:
+    """Return the name, title and authors of a paper."""
     return f"{paper.slug}\n  {paper.title}\n  {paper.authors}"
 
 
-def _counts(items: dict, claims) -> str:
-    """The number of items of each kind, such as "7 figures, 1 table", and of claims."""
-    of = {kind: len(of_kind) for kind, of_kind in items.items() if kind != "claims"}
-    others = ", ".join(f"{number} {kind if number != 1 else kind[:-1]}" for kind, number in of.items())
+def counts(project, paper, items=None) -> str:
+    """Return how many items of each kind a paper has, such as "7 figures, 1 table", and how many claims."""
+    from marsedl.replication.report.front_page import committed_claims
+
+    numbers = {kind: len(of_kind) for kind, of_kind in (items or _items(project, paper)).items() if kind != "claims"}
+    others = ", ".join(f"{number} {kind if number != 1 else kind[:-1]}" for kind, number in numbers.items())
+    claims = project.verdicts(paper.slug).values() or committed_claims(project.root, paper.slug)
     return f"{others}\n  {counted(claims).in_words}"
-
-
-def there(root: Path, slug: str) -> str:
-    """Return how many of each kind a paper has by its files, whose content is not checked, as that takes longest."""
-    from marsedl.replication.inputs.yaml_file import read_yaml
-    from marsedl.replication.pipeline.declarations import stage_entries
-    from marsedl.replication.pipeline.fingerprints import fingerprints_of
-
-    package = import_module(f"marsedl.papers.{slug}")
-    config, printed = read_yaml(root / f"configs/{slug}.yaml"), read_yaml(root / f"data/published/{slug}.yaml")
-    texts, sources = read_yaml(Path(package.__file__).with_name(TEXTS)), fingerprints_of()
-    stages = stage_entries(slug, sources)
-    sources.save()  # for the next command
-    items = {
-        "readings": config["readings"],
-        "figures": texts["figures"] or (),
-        "tables": [*(texts.get("tables") or ()), "claims"],
-        "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
-        "cases": config["chunks"],
-    }
-    claims = with_committed(root, slug, [(claim["id"], claim["kind"], None) for claim in printed["claims"]])
-    return f"{_heading(package.PAPER)}\n  {_counts(items, claims)}\n"
 
 
 def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
@@ -65,7 +46,7 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
     from marsedl.replication.report.one_line import first_sentence
 
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
-    rows = project.verdicts(paper.slug) or {}
+    rows = project.verdicts(paper.slug)
     verdicts, paper = {name: claim.verdict for name, claim in rows.items()}, with_likeness(paper, rows)
     inputs = readings[CORRECTED].inputs
 
@@ -91,7 +72,7 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
 def listed(project, paper, kinds) -> Iterator[str]:
     """Yield what a paper has of some kinds, or of all, with the commands that make it."""
     rows = _items(project, paper)
-    yield paper.slug if kinds else _heading(paper)
+    yield paper.slug if kinds else heading(paper)
     add = f"; add{project.options}" if project.options else ""
     for kind in kinds or KINDS:
         command = f" (snakemake {MADE_BY[kind].format(paper=paper.slug)}{add})" if kind in MADE_BY else ""
@@ -105,25 +86,23 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
     from marsedl.replication.claims.quotes import with_numbers
     from marsedl.replication.claims.rows import summary
-    from marsedl.replication.report.front_page import committed_claims
 
-    there, verdicts = _items(project, paper), project.verdicts(paper.slug)
+    items, verdicts = _items(project, paper), project.verdicts(paper.slug)
     yield f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}"
-    yield f"\nreadings\n{columns(there['readings'], 2)}"
+    yield f"\nreadings\n{columns(items['readings'], 2)}"
     yield f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}"
     yield columns(_differing(project.studies[paper.slug].readings, reading), 2)
     if choices := project.studies[paper.slug].choices:
         yield f"\nchoices: what is doubted about the paper (marsedl what-if {paper.slug} CHOICE=VALUE)"
         yield columns([(one.name, one.because, _values(one), one.asks) for one in choices], 2)
-    claims = verdicts.values() if verdicts else committed_claims(project.root, paper.slug)
-    yield f"\nwhat there is (marsedl list {paper.slug})\n  {_counts(there, claims)}"
+    yield f"\nwhat there is (marsedl list {paper.slug})\n  {counts(project, paper, items)}"
     yield "\nverdicts"
     if not verdicts:
         yield f"  none yet: run 'snakemake report/claims/{paper.slug}.json{project.options}'"
         return
     for how, numbers in summary(verdicts.values()).items():
-        counted = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
-        yield f"  {how}: {', '.join(counted) or 'none'}"
+        each = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
+        yield f"  {how}: {', '.join(each) or 'none'}"
     clauses = {name: text for name, text in paper.found.items() if name in verdicts}
     found = with_numbers(Paper(paper.slug, "", "", "", found=clauses), project.quotes(paper.slug, CORRECTED)).found
     yield "\nheadline claims: what we find"
@@ -150,10 +129,16 @@ def _values(choice) -> str:
     return ", ".join(f"[{name}]" if name == choice.corrected else name for name in choice.alternatives)
 
 
+def _plain(row) -> dict:
+    """A number that moves, as JSON takes it: null where there is no number."""
+    values = {**asdict(row), "standard_errors": row.sigmas}
+    return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}
+
+
 def moved(rows, *, as_json: bool = False) -> Iterator[str]:
     """Yield what moves, see `marsedl.replication.universes.what_if`."""
     if as_json:
-        yield json.dumps([asdict(row) for row in rows], indent=1)
+        yield json.dumps([_plain(row) for row in rows], indent=1)
         return
     if not rows:
         yield "no verdict changes, and no number moves by more than its error"
@@ -177,8 +162,7 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
 
     before, after, changed, rows, alone = difference
     if as_json:
-        claims = [{**asdict(row), "standard_errors": row.sigmas} for row in rows]
-        claims = [{k: v if not isinstance(v, float) or isfinite(v) else None for k, v in c.items()} for c in claims]
+        claims = [_plain(row) for row in rows]
         inputs = [{"name": name, "before": old, "after": new} for name, (old, new) in changed.items()]
         yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
         return
@@ -228,13 +212,12 @@ def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
 def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
     """Yield what is printed of a claim, the verdict on it and its cause, and what each reading gives."""
     from marsedl.replication.claims.counterexamples import in_words
-    from marsedl.replication.claims.numbers import format_result
     from marsedl.replication.report import one_line
 
     unit = "" if claim.unit == "1" else f" {claim.unit}"
     printed = "a statement" if isinstance(claim.printed, bool) else f"printed {claim.printed}{unit}"
     yield f"claim {claim.id}: {claim.quantity}\n  {claim.where}; {printed} ({claim.kind})"
-    verdict = (project.verdicts(claim.paper) or {}).get(claim.id)
+    verdict = project.verdicts(claim.paper).get(claim.id)
     if verdict is None:
         yield f"  no verdict yet: run 'snakemake report/claims/{claim.paper}.json{project.options}'"
         return
@@ -262,8 +245,6 @@ def explained_item(project, paper, reading, full, name, kinds) -> Iterator[str]:
 
     `full` are the inputs of the reading at full size; `kinds` all of "figures", "tables", "stages" that have the name.
     """
-    from marsedl.replication.pipeline.fingerprints import fingerprints_of
-
     of = f"{name} of {paper.slug}, reading {reading.name}"
     if kinds[0] == "stages":
         item, own = paper.stages[name], [name]

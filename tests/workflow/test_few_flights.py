@@ -8,7 +8,7 @@ import pytest
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.verdicts import collect
-from marsedl.replication.claims.writing import claims_of, evaluate
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.pipeline.runner import Memory, Run, record_type
 from marsedl.replication.pipeline.sharing import Shared
@@ -54,7 +54,7 @@ def test_claims_and_tables_cope_with_few_flights(copied, slug, monkeypatch):
         values = inputs.plain() | dict.fromkeys(counts, trials)
         cases = {case: trials for case, name in inputs.CASES.items() if values[name]}
         run = Run(paper, values, Flights(counts, built), cases)
-        evaluations = evaluate(run, published)
+        evaluations = claims_of(slug).evaluate(run.given(), published)
         rows = collect(
             list(published.values()),
             own.declarations,

@@ -15,7 +15,7 @@ from marsedl.replication.claims.committed import read_reference
 from marsedl.replication.claims.printed import load_measured, load_published
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.verdicts import Declaration, judge
-from marsedl.replication.claims.writing import claims_of, evaluate
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.pipeline.sharing import Shared
@@ -62,7 +62,7 @@ def test_a_paper_at_full_size_has_the_committed_verdicts(slug, monkeypatch):
     monkeypatch.chdir(ROOT)
     published = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
     run = Run.of(catalogue(slug), study_of(slug).readings["corrected"].inputs, Memory())
-    evaluations = evaluate(run, published, measured=load_measured(BENCHMARKS, slug))
+    evaluations = claims_of(slug).evaluate(run.given(), published, measured=load_measured(BENCHMARKS, slug))
     reference, declarations, moved = read_reference(ROOT, slug), claims_of(slug).declarations, {}
     for name, claim in published.items():
         committed = reference[f"verdicts/{name}"].get("corrected")

@@ -7,7 +7,7 @@ import pytest
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.rows import read_claims
-from marsedl.replication.claims.writing import evaluate
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.pipeline.sharing import Shared
@@ -32,7 +32,7 @@ def test_every_stage_at_smoke_size(copied, slug, monkeypatch):
             unequal.append(name)
     assert unequal == []
     published = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
-    evaluations = evaluate(run, published)
+    evaluations = claims_of(slug).evaluate(run.given(), published)
     for row in read_claims(copied.path(f"report/claims/{slug}.json")):
         if isinstance(value := row.readings["corrected"].value, float | bool | int):
             assert evaluations[row.id].value == value, row.id

@@ -1,8 +1,9 @@
 """Turn every counted claim of one paper by its counterexample, and write by how much."""
 
 from marsedl.replication.claims.printed import load_measured, published_of
-from marsedl.replication.claims.rows import read_claims, write_parts
+from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.files import write_json
 from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
@@ -11,4 +12,4 @@ with guarded(snakemake) as job:
     [given] = job.readings().values()
     rows = read_claims(snakemake.input.claims)
     turned = claims_of(job.paper).turned(rows, given, published, measured=measured[0])
-    write_parts(turned, snakemake.output[0])
+    write_json(turned, snakemake.output[0])

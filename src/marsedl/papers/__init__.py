@@ -4,6 +4,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.pipeline.catalogue import TEXTS, Paper
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
@@ -11,9 +12,10 @@ SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochast
 
 @cache
 def catalogue(slug: str) -> Paper:
-    """Return a paper's bill of materials, with its words and what its functions declare."""
-    # Here, as jobs import this package without it.
-    from marsedl.replication.pipeline.declarations import declared
+    """Return a paper's bill of materials, with its words and what its functions declare; raises InputError."""
+    if slug not in SLUGS:
+        raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
+    from marsedl.replication.pipeline.declarations import declared  # here, as jobs import this package without it
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
     from marsedl.replication.report.texts import with_texts
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, new_figure
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import flatten, format_number
+from marsedl.replication.claims.numbers import format_number, told_apart
 from marsedl.replication.errors import InputError, nearest
 
 _WIDTH = 4.6  # inches: as wide as the column of a page in which it stands
@@ -73,21 +73,19 @@ def bar_of(label: str, name: str, rows: Mapping[str, Claim]) -> Bar:
     """Return the row of a printed number, "claim" or "claim[index]"; raises InputError if there is none."""
     found = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", name)
     row = rows.get(found[1]) if found else None
-    if row is None or row.is_statement:
+    if row is None or row.is_statement or int(found[2] or 0) >= np.size(row.printed):
         numbers = [id for id, one in rows.items() if not one.is_statement]
         raise InputError(f"beside: '{name}' is no printed number; {nearest(name, numbers)}")
-    result, units = row.result, row.unit.split(", ")
-    parts = [list(flatten(of).values()) for of in (row.printed, result.value, result.standard_error)]
-    verdicts = list(flatten(result.components).values()) if result.components else [result.verdict]
+    result = row.result
+    parts = row.printed, result.value, result.standard_error, result.components or result.verdict
+    *numbers, verdicts = map(np.ravel, np.broadcast_arrays(*(np.array(of, dtype=object) for of in parts)))
+    printed, value, error = (of.astype(float) for of in numbers)  # what there is not is NaN
+    unit, verdict = row.unit.split(", ")[0], result.verdict
     if found[2]:
-        at = slice(int(found[2]), int(found[2]) + 1)
-        parts, verdicts = [of[at] for of in parts], verdicts[at] or verdicts
-        units = units[at] or units
-    printed, value, error = (np.array([np.nan if one is None else one for one in of], dtype=float) for of in parts)
-    if len(value) != len(printed):
-        value = np.full(len(printed), np.nan)
-    error = np.nan_to_num(np.broadcast_to(error if len(error) == len(printed) else 0.0, printed.shape))
-    return Bar(label, printed, value, error, units[0], verdicts[0] if found[2] else result.verdict)
+        at = int(found[2])
+        printed, value, error = (of[at : at + 1] for of in (printed, value, error))
+        unit, verdict = row.unit_of((at,)), verdicts[at]
+    return Bar(label, printed, value, np.nan_to_num(error), unit, verdict)
 
 
 def limit_of(row: Claim) -> Limit:
@@ -96,11 +94,9 @@ def limit_of(row: Claim) -> Limit:
     above = (margin.value > margin.limit) == bool(row.result.value)
     ratio = margin.value / margin.limit if margin.limit else np.inf if margin.value > 0 else 0.0
     error = (margin.standard_error or 0.0) / abs(margin.limit or np.inf)
-    digits = next((n for n in range(4, 12) if f"{margin.value:.{n}g}" != f"{margin.limit:.{n}g}"), 12)
-    value = (
-        format_number(margin.value, margin.standard_error) if margin.standard_error else f"{margin.value:.{digits}g}"
-    )
-    text = f"{value}, limit {margin.limit:.{digits}g} {margin.unit}".strip()
+    value, limit = told_apart(margin.value, margin.limit)
+    value = format_number(margin.value, margin.standard_error) if margin.standard_error else value
+    text = f"{value}, limit {limit} {margin.unit}".strip()
     return Limit(row.plain, ratio, error, above, margin.measure, text, row.result.verdict)
 
 

@@ -9,9 +9,9 @@ from marsedl.replication.errors import ArtifactError
 
 
 def write_json(value: Any, path: str | Path) -> None:
-    """Write plain values as JSON; raises ArtifactError for a number that is not finite."""
+    """Write plain values and pydantic models as JSON; raises ArtifactError for a number that is not finite."""
     try:
-        text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=lambda part: part.model_dump())
     except ValueError as error:
         raise ArtifactError(f"{path}: a number is not finite: {error}") from error
     write_text(path, text + "\n")

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.claims.stated import stated_value
-from marsedl.replication.claims.verdicts import judge
+from marsedl.replication.claims.printed import PublishedClaim, stated_value
+from marsedl.replication.claims.verdicts import Evaluation, judge
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.sections import Inputs, Section, given
 
@@ -49,15 +48,16 @@ def claim_of(name, printed, unit):
 )
 def test_an_input_is_compared_in_the_printed_unit(name, printed, unit):
     claim = claim_of(name, printed, unit)
-    assert judge(claim, stated_value(claim, VALUES, ToyInputs)).verdict == "as_stated"
+    assert judge(claim, Evaluation(stated_value(claim, VALUES, ToyInputs))).verdict == "as_stated"
     evaluations = {key: (1.01 * np.array(value)).tolist() for key, value in VALUES.items()}
-    assert judge(claim, stated_value(claim, evaluations, ToyInputs)).verdict == "not_as_stated"
+    assert judge(claim, Evaluation(stated_value(claim, evaluations, ToyInputs))).verdict == "not_as_stated"
 
 
 @pytest.mark.parametrize(
     ("name", "printed", "unit", "message"),
     [
         ("mission.altitud", 125, "km", "no input 'mission.altitud'.*mission.altitude"),
+        ("altitude", 125, "km", "no input 'altitude'; did you mean 'mission.altitude'"),
         ("mission.altitude", 125, "deg", "printed in 'deg', but the input 'mission.altitude' is in 'm'"),
         ("mission.altitude", 125, "1", "printed in '1'"),  # a length needs its unit
         ("mission.limits[2]", 1, "deg", "no entry 2"),

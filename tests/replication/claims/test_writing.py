@@ -268,7 +268,7 @@ def test_of_entries_with_a_limit_of_zero_the_furthest_fails_and_the_nearest_hold
 
 def test_the_margin_is_that_of_the_test_that_decides():
     statement = holds(measure("mass", 2.0, "kg") > 1, measure("time", 9.0, "s") < 10, check("it converges", True))
-    assert statement.margin.written() == {
+    assert statement.margin.model_dump() == {
         "measure": "time", "value": 9.0, "limit": 10.0, "unit": "s", "distance": pytest.approx(0.1), "in": "limits",
         "standard_error": 0.0,
     }  # fmt: skip

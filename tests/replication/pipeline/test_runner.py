@@ -7,7 +7,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from marsedl.replication.claims.writing import evaluate
 from marsedl.replication.inputs.sections import Number, Section, given
 from marsedl.replication.pipeline.catalogue import Flown, Paper, Product, Stage
 from marsedl.replication.pipeline.runner import Memory, Run
@@ -70,7 +69,7 @@ class Claims:
     """Measure what a paper's claims would."""
 
     @staticmethod
-    def evaluate(given, published, lacking):
+    def evaluate(given, published):
         values = given.values
         gains, windy, calm = (
             given.artifact(n, t) for n, t in (("gains", Gains), ("windy", Flights), ("calm", Flights))
@@ -90,7 +89,6 @@ def run(monkeypatch):
         vars(module).update({function.__name__: function for function in functions})
         monkeypatch.setitem(sys.modules, f"marsedl.papers.toy.{name}", module)
     monkeypatch.setitem(sys.modules, "marsedl.papers.toy", ModuleType("toy"))
-    monkeypatch.setattr("marsedl.replication.claims.writing.claims_of", lambda slug: Claims)
     where = "marsedl.papers.toy.stages"
     flights = f"{where}:simulate", f"{where}:gather"
     stages = {
@@ -112,12 +110,12 @@ def run(monkeypatch):
 def computed(run):
     """How many stages a run computes for its claims."""
     before = len(run.memory)
-    evaluate(run, {})
+    Claims.evaluate(run.given(), {})
     return len(run.memory) - before
 
 
 def test_claims_and_tables_come_from_the_records(run):
-    assert evaluate(run(), {}) == {"energy": 9.0, "largest": 27.0, "calm": None, "colour": "red"}
+    assert Claims.evaluate(run().given(), {}) == {"energy": 9.0, "largest": 27.0, "calm": None, "colour": "red"}
     assert run().table("tab1", {"energy": "9 J"}) == [["9 J", 9.0]]
 
 

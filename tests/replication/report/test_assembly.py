@@ -9,7 +9,7 @@ import pytest
 
 from marsedl.papers import catalogue
 from marsedl.replication.errors import ArtifactError
-from marsedl.replication.pipeline.catalogue import Solve, Stage
+from marsedl.replication.pipeline.catalogue import Solve
 from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantity
 from marsedl.replication.report import assembly, closeups
@@ -26,9 +26,9 @@ class Program:
     share_converged: float = quantity("1", (), "a number, which says of no solve how it ended")
 
 
-def saved(path, status, iterations, residual=1e-9, converged=(True, True), made_from=(), **inputs):
+def saved(path, status, iterations, residual=1e-9, converged=(True, True), needs=(), **inputs):
     artifact = Program(np.array(status), np.array(iterations), residual, np.array(converged), 0.5)
-    provenance = {"inputs": inputs, "code": "abc def", "made_from": dict.fromkeys(made_from, "0" * 64)}
+    provenance = {"inputs": inputs, "code": "abc def", "needs": dict(needs)}
     store.save(path, artifact, paper="p", reading=path.parent.name, provenance=provenance)
     return str(path)
 
@@ -49,29 +49,12 @@ def test_how_all_solves_ended_is_counted_with_the_readings_of_each(tmp_path):
 
 
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
-    path = saved(
-        tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], **{"ensemble.seed": 7}
-    )
+    needs = {"b.h5": "0" * 16, "a.h5": "1" * 16}
+    path = saved(tmp_path / "corrected" / "gains.h5", ["optimal"], [3], needs=needs, **{"ensemble.seed": 7})
     bare = saved(tmp_path / "corrected" / "nominal.h5", ["optimal"], [3])
-    stages = {
-        "nominal": Stage((), (), (), "path"),
-        "gains": Stage((), (), (), "gains"),
-        "montecarlo": Stage((), (), ("gains", "nominal"), "flights"),
-    }
-    gains, nominal = assembly.provenance({"gains": path, "nominal": bare}, stages, {})
+    gains, nominal = assembly.provenance({"gains": path, "nominal": bare})
     assert gains == ["gains", "A program and a search.", "a, b", "7", "abc def"]
     assert nominal == ["nominal", "A program and a search.", "inputs alone", "–", "abc def"]
-
-
-def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
-    stages = {"gains": Stage((), (), (), "gains"), "montecarlo": Stage((), (), ("gains",), "flights")}
-    rows = []
-    for chunks in (1, 3):
-        made_from = [f"case.{k}of{chunks}.h5" for k in range(chunks)]
-        path = saved(tmp_path / str(chunks) / "case.h5", ["optimal"], [3], made_from=made_from)
-        rows.append(assembly.provenance({"case": path}, stages, {"ensemble.seed": "9"}))
-    assert rows[0] == rows[1]
-    assert rows[0] == [["case", "A program and a search.", "gains", "9", "–"]]
 
 
 def test_a_damaged_or_foreign_artifact_is_named(tmp_path):

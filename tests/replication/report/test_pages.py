@@ -86,7 +86,9 @@ def example(folder, hostile="plain"):
     declared = {
         "alpha_from_isp": Declaration(close=Tolerance(reason="the paper does not state its gravity.", relative=0.02)),
         "prior_final_mass": Declaration("The profile ends at {prior:.1f} kg.", errata=("E10",)),
-        "mc_final_mean": Declaration("It is {z:.1f} standard errors away.", errata=("E11",), choices=("step",)),
+        "mc_final_mean": Declaration(
+            "Altitude {value[1]:.3f} m; target4 gives {target4.value[1]:.3f} m.", errata=("E11",), choices=("step",)
+        ),
         "eq23_equality": Declaration("Eq. 23 drops a term.", errata=("E12",)),
     }
     inputs = {

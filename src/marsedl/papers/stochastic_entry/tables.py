@@ -153,7 +153,8 @@ def tab04(
                 except ValueError:  # too few trials for two sets
                     spread = None
                 cell = claim.model_copy(update={"printed": printed, "resolution": resolution})
-                z = judge(cell, Evaluation(value, error, finite_count(ensemble))).z
+                margin = judge(cell, Evaluation(value, error, finite_count(ensemble))).margin
+                beyond = margin and np.copysign(max(abs(margin.value) - 0.5 * resolution, 0.0), margin.value)
                 rows.append(
                     (
                         name.replace("gamma", "flight path angle"),
@@ -165,7 +166,7 @@ def tab04(
                         spread,
                         value,
                         error,
-                        z and z.largest,
+                        beyond / margin.standard_error if margin and margin.standard_error else None,
                         finite_count(ensemble),
                     )
                 )

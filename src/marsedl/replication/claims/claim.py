@@ -46,21 +46,9 @@ class _Part(BaseModel):
         use_attribute_docstrings=True,
         json_schema_serialization_defaults_required=True,
         validate_by_name=True,
+        serialize_by_alias=True,
         defer_build=True,
     )
-
-    def written(self) -> dict[str, Any]:
-        """Return the part as it is written to JSON."""
-        return self.model_dump(by_alias=True)
-
-
-class Deviation(_Part):
-    """How far a Monte Carlo result lies from the printed one."""
-
-    largest: Number
-    """the deviation of the worst component, in combined standard errors"""
-    component: tuple[int, ...] | None
-    """its indices, counted from 1; null for a number that stands alone"""
 
 
 class Tolerance(_Part):
@@ -92,21 +80,16 @@ class Margin(_Part):
     standard_error: Number = 0.0
     """the standard error of the value; 0 if it is not sampled"""
 
-    @property
-    def sampled(self) -> bool:
-        """Whether the distance is counted in standard errors."""
-        return self.scale == "standard errors"
-
 
 class Counterexample(_Part):
     """The least change that turns the verdict, of those that are tried."""
 
-    change: Literal["scaled", "shifted", "spread", "blended", "replaced", "in_reading"]
+    change: Literal["scaled", "shifted", "spread", "replaced", "in_reading"]
     """what is done"""
     of: str
     """the field, input or reading, with the component in brackets"""
     amount: Number | str | None
-    """a factor; a shift in standard deviations; the share of the way to another record; or what is put in its place"""
+    """a factor; a shift in standard deviations; or what is put in its place"""
     to: str
     """the verdict after it"""
 
@@ -162,8 +145,6 @@ class Result(_Part):
     """why the verdict is undetermined"""
     margin: Margin | None = None
     """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
-    z: Deviation | None = None
-    """the deviation beyond the printed rounding; null: not a Monte Carlo result"""
 
 
 class Claim(_Part):

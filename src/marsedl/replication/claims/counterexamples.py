@@ -3,9 +3,7 @@
 A claim names one field of its records, one input or one measured cost, and how it is changed:
 
     @claim(counterexample=shifted("closed_loop.final_state", component="mass"))
-    @claim(counterexample=spread("closed_loop.final_state", component="downrange"))
-    @claim(counterexample=scaled("gains.gain"))
-    @claim(counterexample=blended("closed_loop.covariance", other="open_loop"))
+    @claim(counterexample=scaled("gains.gain", at=-1))
     @claim(counterexample=replaced("certificates.solver_status", "infeasible"))
     @claim(counterexample=in_reading("newton_noise"))
 
@@ -42,7 +40,7 @@ class Perturbation:
     target: str
     component: str = ""
     at: Any = ...
-    other: Any = None  # a record, or the value that is put in
+    value: Any = None  # that is put in
 
     def turning_point(self, judge: Callable[[Arguments], tuple], given: Arguments) -> Counterexample | None:
         """Return the least change, of those that are tried, which turns a verdict; None if none does.
@@ -65,11 +63,9 @@ class Perturbation:
         if before is None:
             return None
         if self.change == "replaced":
-            return self._result(f"{self.other}", turned(1.0))
-        toward_another = self.change == "blended"
-        amounts = AMOUNTS / AMOUNTS[-1] if toward_another else AMOUNTS
-        for low, high in itertools.pairwise([0.0, *amounts]):
-            for sign in (1.0,) if toward_another else (1.0, -1.0):
+            return self._result(f"{self.value}", turned(1.0))
+        for low, high in itertools.pairwise([0.0, *AMOUNTS]):
+            for sign in (1.0, -1.0):
                 if not (after := turned(sign * high)):
                     continue
                 for _ in range(BISECTIONS):
@@ -78,7 +74,7 @@ class Perturbation:
                         high, after = middle, nearer
                     else:
                         low = middle
-                amount = _factor(sign * high) if self.change in ("scaled", "spread") else sign * high
+                amount = sign * high if self.change == "shifted" else _factor(sign * high)
                 return self._result(float(amount), after)
         return None
 
@@ -113,12 +109,11 @@ class Perturbation:
                 if name not in quantities(of):
                     raise InputError(f"{of.__name__} has no field '{name}'; {nearest(name, quantities(of))}")
                 axes = [layout(of).axes[dimension] for dimension in layout(of).dims[name]]
-                other = getattr(given.artifact(self.other, kind), name) if self.change == "blended" else None
-                return replace(record, **{name: self._changed(getattr(record, name), amount, other, axes)})
+                return replace(record, **{name: self._changed(getattr(record, name), amount, axes)})
 
         return Arguments(values, artifact, further, given.providers)
 
-    def _changed(self, value: Any, amount: float, other: Any = None, axes: Any = ()) -> Any:
+    def _changed(self, value: Any, amount: float, axes: Any = ()) -> Any:
         """A value after the change; of the same type and shape."""
         array = np.array(value)  # a copy
         array = array.astype(object) if array.dtype.kind == "U" else array
@@ -126,17 +121,15 @@ class Perturbation:
         old = array[place]
         match self.change:
             case "replaced":
-                new = self.other
+                new = self.value
             case "scaled":
                 new = old * _factor(amount)
             case "shifted":
                 size = float(np.nanstd(old)) if np.size(old) > 1 else 0.0
                 new = old + amount * (size or float(np.nanmean(np.abs(old))) or 1.0)
-            case "spread":
+            case _:
                 mean = np.nanmean(old, axis=0, keepdims=True)
                 new = mean + (old - mean) * _factor(amount)
-            case _:
-                new = (1.0 - amount) * old + amount * np.asarray(other)[place]
         array[place] = np.rint(new) if array.dtype.kind in "iu" and self.change != "replaced" else new
         if isinstance(value, np.ndarray):
             return array
@@ -153,13 +146,12 @@ class Perturbation:
 scaled = partial(Perturbation, "scaled")  # by a factor of a tenth to ten
 shifted = partial(Perturbation, "shifted")  # by up to nine standard deviations, or mean sizes if all values are equal
 spread = partial(Perturbation, "spread")  # deviations from the mean over the first dimension, by a tenth to ten
-blended = partial(Perturbation, "blended")  # toward the same field of the record `other`, in the end onto it
 in_reading = partial(Perturbation, "in_reading")  # a reading of the paper in which the verdict is another one
 
 
 def replaced(target: str, value: object, at: Any = ...) -> Perturbation:
     """Put another value in the place of values: of a status, a flag, a whole number."""
-    return Perturbation("replaced", target, at=at, other=value)
+    return Perturbation("replaced", target, at=at, value=value)
 
 
 def _factor(amount: float) -> float:
@@ -168,15 +160,11 @@ def _factor(amount: float) -> float:
 
 def in_words(turned: Counterexample) -> str:
     """Say a counterexample in a sentence."""
-    text = {
-        "scaled": "With `{of}` times {amount:.4g}",
-        "shifted": "With `{of}` shifted by {amount:+.3g} standard deviations",
-        "spread": "With `{of}` {amount:.4g} times as far from its mean",
-        "blended": "With `{of}` moved by {share:.3g} % of the way to the other record",
-        "replaced": "With {amount} as `{of}`",
-        "in_reading": "In the reading `{of}`",
+    changed = {
+        "scaled": "With `{0.of}` times {0.amount:.4g}",
+        "shifted": "With `{0.of}` shifted by {0.amount:+.3g} standard deviations",
+        "spread": "With `{0.of}` {0.amount:.4g} times as far from its mean",
+        "replaced": "With {0.amount} as `{0.of}`",
+        "in_reading": "In the reading `{0.of}`",
     }[turned.change]
-    share = 100 * turned.amount if turned.change == "blended" else None
-    return (
-        f"{text.format(of=turned.of, amount=turned.amount, share=share)} the verdict is {turned.to.replace('_', ' ')}."
-    )
+    return f"{changed.format(turned)} the verdict is {turned.to.replace('_', ' ')}."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from marsedl.replication.claims.claim import Claim
@@ -53,6 +54,17 @@ def format_lines(value: Any, standard_error: Any = None, resolution: Any = None)
     return [", ".join(lines) for lines in inner]
 
 
+def told_apart(value: Any, limit: Any) -> tuple[str, str]:
+    """Write a number and its limit, with four digits or as many as it takes to tell them apart."""
+    if isinstance(value, int | np.integer):
+        return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.4g}"
+    for digits in range(4, 18):
+        texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+        if texts[0] != texts[1] or value == limit:
+            break
+    return texts
+
+
 def format_result(row: Claim, reading: str) -> list[str]:
     """Write what a reading gives for a claim; without a standard error, with two digits more than the paper prints."""
     result = row.readings.get(reading)
@@ -92,16 +104,6 @@ def flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], An
     if not isinstance(value, list):
         return {index: value}
     return {place: leaf for i, item in enumerate(value) for place, leaf in flatten(item, (*index, i)).items()}
-
-
-def broadcast(value: Any, like: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
-    """Return a value for each number of another one; a single one serves all."""
-    return flatten(value) if isinstance(value, list) else dict.fromkeys(like, value)
-
-
-def is_finite(value: Any) -> bool:
-    """Whether a plain value is there, and has no number in it that is not finite."""
-    return value is not None and all(not is_number(part) or math.isfinite(part) for part in flatten(value).values())
 
 
 def is_number(value: Any) -> bool:

@@ -1,20 +1,26 @@
-"""What a paper prints: its claims, from `data/published/<paper>.yaml`."""
+"""What a paper prints: its claims, from `data/published/<paper>.yaml`, some of which are inputs of the replication."""
 
 import csv
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field, StrictBool, StringConstraints, field_validator
 
 from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs.messages import Keys, Place, checked
+from marsedl.replication.inputs.sections import SUFFIXES, Inputs
 from marsedl.replication.inputs.yaml_file import Lined, read_yaml
 
 PLAIN_WORDS = 12  # in the short form of a claim, at most
+# Factors from printed units to the input's own SI unit, beside those of its suffixes.
+_FACTORS = {("percent", "1"): 0.01, ("%", "1"): 0.01, ("r_p", "1"): 1.0, ("rad/s", "1/s"): 1.0}
+_NO_UNITS = ("1", "not given")  # of printed values that name none
+_NAME = re.compile(r"(\w+\.\w+)(?:\[(\d+)\])?")
 
 
 def _all(words: str, test: Callable[[Any], object]) -> AfterValidator:
@@ -33,9 +39,6 @@ _Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min
 _Plain = Annotated[_Text, _all(f"a text of at most {PLAIN_WORDS} words", lambda text: len(text.split()) <= PLAIN_WORDS)]
 _Id = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z0-9_]+$")]
 _Trials = Annotated[int, Field(strict=True, gt=0)]
-_Names = Annotated[
-    Any, _all("an input 'section.name', or a list of them", lambda name: re.match(r"\w+\.\w", str(name)))
-]
 _Numbers = Annotated[Any, _all("finite numbers", lambda value: is_number(value) and math.isfinite(value))]
 _Sizes = Annotated[Any, _all("positive numbers", lambda value: is_number(value) and 0 < value < math.inf)]
 _Anything = Annotated[  # an input may be infinite
@@ -57,7 +60,7 @@ class PublishedClaim(Keys):
     trials: _Trials | None = None  # the paper's number of Monte Carlo trials
     note: str = Field("", strict=True)
     plain: _Plain = ""  # the claim in few words, for readers who do not know the paper
-    input: _Names | None = None  # of a stated input that needs no code: "section.name", or a list of them
+    input: str | list[str] | None = None  # of a stated input that needs no code: "section.name", or a list of them
     headline: int | None = None  # place among the claims that the paper's abstract and conclusions rest on, from 1
 
     @field_validator("resolution")
@@ -130,6 +133,46 @@ def load_published(path: str | Path) -> list[PublishedClaim]:
             raise InputError(f"{path}: headline: there is no claim {shown(name)}; {nearest(name, claims)}")
         claims[name] = claims[name].model_copy(update={"headline": position})
     return list(claims.values())
+
+
+def stated_value(claim: PublishedClaim, values: Mapping[str, object], model: type[Inputs]) -> Any:
+    """Return what a reading uses for a stated input, in the unit in which it is printed.
+
+    values: all inputs of the reading as plain values by "section.name". Raises InputError, which names the claim, if
+    there is no such input or entry, or if its unit is not the printed one.
+    """
+    names = claim.input if isinstance(claim.input, list) else [claim.input]
+    units = [unit.strip() for unit in claim.unit.split(",")]
+    try:
+        if len(units) not in (1, len(names)):
+            raise ValueError(f"{len(units)} units for {len(names)} inputs; give one, or one for each")
+        units *= len(names) // len(units)
+        numbers = [_in_unit(name, unit, values, model) for name, unit in zip(names, units, strict=True)]
+    except ValueError as error:
+        raise InputError(f"data/published/{claim.paper}.yaml: claim {claim.id}: key 'input': {error}") from None
+    return numbers if isinstance(claim.input, list) else numbers[0]
+
+
+def _in_unit(name: str, unit: str, values: Mapping[str, object], model: type[Inputs]) -> object:
+    match = _NAME.fullmatch(name)
+    if not match or match[1] not in values:
+        raise ValueError(f"there is no input '{name}'; {nearest(name, model.names())}")
+    value, si = values[match[1]], model.unit(match[1])
+    if match[2] is not None:
+        if not isinstance(value, list) or int(match[2]) >= len(value):
+            raise ValueError(f"the input '{match[1]}' has no entry {match[2]}; count from 0")
+        value = value[int(match[2])]
+    # A printed value without a unit is that of an input whose unit has no other spelling.
+    if unit == si or (unit in _NO_UNITS and si not in (*SUFFIXES, "1/s")):
+        return value
+    suffix = "_" + unit.replace("/", "_").replace("^", "")  # km/s is _km_s
+    factor = SUFFIXES.get(si, {}).get(suffix) or _FACTORS.get((unit, si))
+    if factor is None:
+        raise ValueError(
+            f"it is printed in '{unit}', but the input '{name}' is in '{si}'; correct the unit or the name, or write a"
+            " function for the claim"
+        )
+    return (np.asarray(value) / factor).tolist()
 
 
 def load_measured(path: str | Path, paper: str) -> dict[str, float]:

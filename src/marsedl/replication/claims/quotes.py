@@ -12,9 +12,9 @@ import json
 import re
 import string
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -27,42 +27,6 @@ from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 
 COMMITTED = Path("data/reference/quotes.json")  # what texts quote of the last accepted build, for the documentation
 _QUOTE = re.compile(r"[A-Za-z]\w*(\.\w+|\[\d+\])*")
-
-
-class Names(dict):
-    """What can be quoted, by name."""
-
-    def __missing__(self, name: str) -> None:
-        """Reject a name that does not exist."""
-        remedy = nearest(name, self) if self else "quote {claim}, {reading.claim} or {reading.claim.number}"
-        raise ValueError(f"there is no '{name}' to quote; {remedy}")
-
-
-class Quoted:
-    """What a quote has led to: a number or vector, None if there is none, and what further names lead to."""
-
-    def __init__(self, value: Any = None, names: Mapping[str, Any] | None = None):
-        """Take the value, and values by the names that may follow."""
-        self._value, self._names = value, Names() if names is None else names
-
-    def __getattr__(self, name: str) -> "Quoted":
-        """Return what the next name leads to."""
-        found = self._names[name]
-        return found if isinstance(found, Quoted) else Quoted(found)
-
-    def __getitem__(self, index: int) -> "Quoted":
-        """Return an entry of a vector."""
-        if self._value is None:
-            return self
-        if not isinstance(self._value, list) or not isinstance(index, int) or index >= len(self._value):
-            raise ValueError(f"there is no entry {index}; entries of a vector count from 0")
-        return Quoted(self._value[index])
-
-    def __format__(self, form: str) -> str:
-        """Return the number as text."""
-        if isinstance(self._value, bool | list):
-            raise ValueError(f"{self._value!r} is not a number")
-        return NOT_EVALUATED if self._value is None else format(self._value, form).replace("%", " %")
 
 
 def quotes_in(text: str) -> list[tuple[str, str]]:
@@ -80,12 +44,10 @@ def with_own_numbers(reason: str, numbers: Mapping[str, Mapping[str, Any] | None
 
     numbers: those of the claim by reading and name, None for a reading without any; reading: that which is not named.
     """
-    of = {name: defaultdict(Quoted) if own is None else Names(own) for name, own in numbers.items()}
-    readings = {name: Quoted(None, names) for name, names in of.items()}
-    own = {name: Quoted(value) for name, value in of[reading].items()}
-    if both := readings.keys() & own:
+    readings = {name: _absent() if own is None else own for name, own in numbers.items()}
+    if both := readings.keys() & readings[reading].keys():
         raise ValueError(f"'{min(both)}' is the name of a reading and of a number")
-    return reason.format_map(defaultdict(Quoted, readings) if numbers[reading] is None else Names(readings | own))
+    return _filled(reason, partial(_number, readings[reading] | readings))
 
 
 @dataclass(frozen=True)
@@ -102,33 +64,61 @@ class Quotes:
 
     def __getitem__(self, quote: str) -> str:
         """Return a number as text; raises ValueError if it does not exist."""
-        return f"{{{quote}}}".format_map(self._names)
+        return _number(self._names, quote)
 
     @cached_property
-    def _names(self) -> Mapping[str, Quoted]:
+    def _names(self) -> Mapping[str, Any]:
         if self.claims is None:
-            claims = defaultdict(lambda: Quoted(None, _absent()))
-            return defaultdict(claims.default_factory, {name: Quoted(None, claims) for name in self.readings})
-        readings = {*self.readings, self.reading}
-        of = {reading: Names({row.id: _numbers(row, reading) for row in self.claims}) for reading in readings}
-        return Names({name: Quoted(None, claims) for name, claims in of.items()} | of[self.reading])
+            return defaultdict(_absent, {name: defaultdict(_absent) for name in self.readings})
+        of = {name: {row.id: _numbers(row, name) for row in self.claims} for name in {*self.readings, self.reading}}
+        return of | of[self.reading]
 
 
-def _absent() -> defaultdict[str, Quoted]:
-    """What can be quoted of a claim that has no numbers."""
-    return defaultdict(Quoted, {"margin": Quoted(None, defaultdict(Quoted))})
+def _absent() -> defaultdict[str, Any]:
+    """What can be quoted of a claim that has no numbers: whatever is named is None."""
+    return defaultdict(lambda: None, margin=defaultdict(lambda: None))
 
 
-def _numbers(row: Claim, reading: str) -> Quoted:
-    """What can be quoted of a claim; a number that only another reading has is a dash."""
+def _numbers(row: Claim, reading: str) -> Mapping[str, Any]:
+    """What can be quoted of a claim; a number that only another reading has is None."""
     result, printed = row.readings.get(reading), {"printed": row.printed}
     if result is None or result.verdict is None:
-        return Quoted(None, _absent() | printed)
+        return _absent() | printed
     numbers = {name: None for other in row.readings.values() for name in other.numbers}
     own = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
-    margin = result.margin and {name: getattr(result.margin, name) for name in ("value", "limit", "standard_error")}
-    of_margin = Quoted(margin and margin["value"], Names(margin) if margin else defaultdict(Quoted))
-    return Quoted(result.value, Names(numbers | result.numbers | own | printed | {"margin": of_margin}))
+    margin = result.margin.model_dump() if result.margin else defaultdict(lambda: None)
+    return numbers | result.numbers | own | printed | {"margin": margin}
+
+
+def _number(names: Mapping[str, Any], quote: str) -> str:
+    """Return the number that a quote leads to, as text; raises ValueError if it does not exist.
+
+    names: by name a number, a vector, None for what this build does not have, or more names, with `value` if none
+    follows.
+    """
+    path, _, form = quote.partition(":")
+    path, *indices = re.findall(r"[\w.]+", path)
+    found: Any = names
+    for name in path.split("."):
+        try:
+            found = found[name]
+        except (KeyError, TypeError):
+            remedy = "quote {claim}, {reading.claim} or {reading.claim.number}"
+            remedy = nearest(name, found) if isinstance(found, dict) else remedy
+            raise ValueError(f"there is no '{name}' to quote; {remedy}") from None
+    found = found.get("value") if isinstance(found, dict) else found
+    for index in indices if found is not None else ():
+        if not isinstance(found, list) or int(index) >= len(found):
+            raise ValueError(f"there is no entry {index}; entries of a vector count from 0")
+        found = found[int(index)]
+    if isinstance(found, bool | list):
+        raise ValueError(f"{found!r} is not a number")
+    return NOT_EVALUATED if found is None else format(found, form).replace("%", " %")
+
+
+def _filled(text: str, number: Callable[[str], str]) -> str:
+    """A text with its numbers, by the quote as it is written."""
+    return "".join(words + (quote and number(quote)) for words, quote in quotes_in(text))
 
 
 class Committed(dict):
@@ -170,7 +160,7 @@ def with_numbers(paper: Paper, quotes: Quotes | Mapping[str, str]) -> Paper:
         match of:
             case str():
                 try:
-                    return "".join(words + (quote and quotes[quote]) for words, quote in quotes_in(of))
+                    return _filled(of, quotes.__getitem__)
                 except (ValueError, TypeError) as error:
                     raise InputError(f"{where}: {error}") from None
             case dict():

@@ -38,7 +38,7 @@ def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
 
     Raises ArtifactError if a number is not finite; a good file is then left alone.
     """
-    write_json([row.written() for row in sorted(rows, key=lambda row: row.paper)], path)
+    write_json(sorted(rows, key=lambda row: row.paper), path)
 
 
 def read_claims(path: str | Path) -> list[Claim]:
@@ -46,13 +46,8 @@ def read_claims(path: str | Path) -> list[Claim]:
     return _read(list[Claim], path)
 
 
-def write_parts(parts: Mapping[str, Counterexample | Standing | None], path: str | Path) -> None:
-    """Write a part of each claim of a paper as JSON: its counterexample, or what universes say of it."""
-    write_json({name: part and part.written() for name, part in parts.items()}, path)
-
-
 def read_parts(kind: type[_Kind], path: str | Path) -> dict[str, _Kind | None]:
-    """Read what `write_parts` wrote; raises ArtifactError as `read_claims`."""
+    """Read a part of each claim of a paper, its counterexample or what universes say; raises as `read_claims`."""
     return _read(dict[str, kind | None], path)
 
 

@@ -10,7 +10,9 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
+
+import numpy as np
 
 from marsedl.replication.claims.claim import (
     BY_CONSTRUCTION,
@@ -19,14 +21,13 @@ from marsedl.replication.claims.claim import (
     STANDING_VERDICTS,
     UNEXPLAINED,
     Claim,
-    Deviation,
     Doubt,
     Margin,
     Result,
     Tolerance,
 )
 from marsedl.replication.claims.counterexamples import Perturbation
-from marsedl.replication.claims.numbers import broadcast, finite_values, flatten, is_number, plain
+from marsedl.replication.claims.numbers import finite_values, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.quotes import with_own_numbers
 from marsedl.replication.claims.thresholds import SIGMAS, THIN
@@ -71,7 +72,7 @@ class Declaration:
     """What a paper's code states about a claim besides its value.
 
     `reason` may quote computed numbers, see `quotes`: `{name}` is a named number of the reading that gives the verdict
-    (`value`, `standard_error`, `trials` and `z` always exist), `{target4.name}` that of the reading `target4`. A
+    (`value`, `standard_error` and `trials` always exist), `{target4.name}` that of the reading `target4`. A
     verdict `differs` or `fails` needs a reason and an erratum or a choice.
     """
 
@@ -131,7 +132,7 @@ def collect(
                 f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {evaluations[first].value!r})"
                 " without a reason that names an erratum or a choice"
             )
-        reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, results, left_out)
+        reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, verdict, left_out)
         given = {name: value for name, value in (vars(declaration) | vars(claim)).items() if name in Claim.model_fields}
         given |= {
             "printed": finite_values(claim.printed, infinity="inf"),
@@ -182,11 +183,11 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     def refuse(problem: str) -> ArtifactError:
         return ArtifactError(f"{claim.paper}: claim {claim.id}: {problem}")
 
-    printed, values = flatten(claim.printed), flatten(evaluation.value)
-    if printed.keys() != values.keys():
+    printed, values = (np.array(of, dtype=object) for of in (claim.printed, evaluation.value))
+    if printed.shape != values.shape:
         raise refuse(f"the value {evaluation.value!r} does not have the shape of the printed {claim.printed!r}")
     if claim.kind == "input":
-        used = all(_used_literally(values[index], printed[index]) for index in printed)
+        used = all(map(_used_literally, values.flat, printed.flat))
         return {"verdict": "as_stated" if used else "not_as_stated"}
     if claim.kind == "qualitative":
         if not isinstance(evaluation.value, bool):
@@ -194,37 +195,24 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
         verdict = "holds" if evaluation.value == claim.printed else "fails"
         verdict = "undetermined" if evaluation.doubts else verdict
         return {"verdict": verdict, "margin": evaluation.margin, "doubts": evaluation.doubts}
-    if not all(is_number(value) for value in values.values()):
+    if not all(map(is_number, values.flat)):
         raise refuse(f"expected numbers, found {evaluation.value!r}")
 
-    bounds = broadcast(close and close.absolute, printed)
-    if close and close.relative:
-        bounds = {index: close.relative * abs(number) for index, number in printed.items()}
-    if bounds.keys() != printed.keys():
-        raise refuse(f"the tolerance {close.absolute!r} does not have the shape of the printed {claim.printed!r}")
-    sizes, errors, ratio = broadcast(claim.resolution, printed), dict.fromkeys(printed, 0.0), 0.0
-    if claim.kind == "monte_carlo" and all(map(math.isfinite, values.values())):
-        errors = _standard_errors(evaluation, values, refuse)
+    bound = close.absolute if close and close.absolute is not None else 0.0
+    if np.shape(bound) not in ((), printed.shape):
+        raise refuse(f"the tolerance {bound!r} does not have the shape of the printed {claim.printed!r}")
+    bounds = close.relative * np.abs(printed) if close and close.relative else bound
+    errors = paper_errors = np.zeros(printed.shape)
+    if claim.kind == "monte_carlo" and all(map(math.isfinite, values.flat)):
+        if evaluation.standard_error is None or not evaluation.trials:
+            raise refuse("a Monte Carlo value needs its standard error and its number of trials")
+        errors = np.array(evaluation.standard_error, dtype=float)
+        if errors.shape != values.shape or np.any((errors < 0.0) | np.isinf(errors)):
+            raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
         # The paper gives no standard errors: its trials are taken to spread like ours.
-        ratio = math.sqrt(evaluation.trials / claim.trials)
-    parts = {
-        index: _compared(values[index], number, 0.5 * sizes[index], errors[index], ratio * errors[index], bounds[index])
-        for index, number in printed.items()
-    }
-    verdicts = {index: part.verdict for index, part in parts.items()}
-    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts.values())
-    deciding = [part for part in parts.values() if part.verdict == verdict]
-    judged = {"verdict": verdict, "components": _nested(claim.printed, verdicts)}
-    if any(part.margin is None for part in deciding):
-        return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
-    if verdict == "undetermined":
-        trials = settling(max(part.more for part in deciding), evaluation.trials)
-        judged["doubts"] = (Doubt(why="our sampling error decides", trials=trials),)
-    nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.distance)
-    worst = max(parts, key=lambda index: abs(parts[index].z))
-    if claim.kind == "monte_carlo" and math.isfinite(parts[worst].z):
-        judged["z"] = Deviation(largest=parts[worst].z, component=tuple(i + 1 for i in worst) or None)
-    return judged | {"margin": nearest_one.margin}
+        paper_errors = math.sqrt(evaluation.trials / claim.trials) * errors
+    half = 0.5 * np.asarray(claim.resolution)
+    return _compared(values, printed, half, errors, paper_errors, bounds, evaluation.trials)
 
 
 def settling(more: float, trials: int | None) -> int | None:
@@ -232,70 +220,58 @@ def settling(more: float, trials: int | None) -> int | None:
     return int(float(f"{more * trials:.2g}")) if trials and more > 1.0 else None
 
 
-class _Compared(NamedTuple):
-    """The verdict on one number."""
+def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> dict[str, Any]:
+    """Judge numbers, of which the worst gives the verdict.
 
-    verdict: str
-    z: float = 0.0
-    margin: Margin | None = None  # None: without a standard error
-    distance: float = 0.0  # of the margin, also where it is infinite
-    more: float = 1.0  # so many times our trials would decide
-
-
-def _compared(value, printed, half, error, paper_error, bound) -> _Compared:
-    """Judge one number.
-
-    half: of the last printed digit; error, paper_error: standard errors of our number and of the paper's; bound: of
-    what is close, or nothing.
+    half: of the last printed digits; errors, paper_errors: standard errors, ours and the paper's; bounds: of what is
+    close, 0 if nothing is; trials: ours.
     """
-    if math.isnan(error):
-        return _Compared("undetermined")
-    combined, difference = math.hypot(error, paper_error), value - printed
-    size = abs(difference)
+    shape, arrays = printed.shape, np.broadcast_arrays(values, printed, half, errors, paper_errors, bounds)
+    values, printed, half, errors, paper_errors, bounds = map(np.ravel, arrays)
+    combined = np.array([*map(math.hypot, errors, paper_errors)])
+    differences = values - printed
+    size = np.abs(differences).astype(float)
     # A number exactly on the rounding edge may be off by its own floating-point noise.
-    tolerance = half * (1 + 2e-9) + 1e-15 * abs(printed) + SIGMAS * combined
-    if combined and math.isfinite(size):
-        z = math.copysign(max(size - half, 0.0) / combined, difference)
-    else:
-        z = 0.0 if size <= tolerance else math.inf
-    distance = abs(size - tolerance) / (combined or half) if math.isfinite(size) else math.inf
-    margin = Margin(
-        measure="difference from the printed value",
-        value=difference,
-        limit=tolerance,
-        unit="",
-        distance=distance,
-        scale="standard errors" if combined else "limits",
-        standard_error=combined,
+    limits = half * (1 + 2e-9) + 1e-15 * np.abs(printed).astype(float) + SIGMAS * combined
+    room = np.abs(size - limits)
+    verdicts = np.select(
+        [np.isnan(errors) | (room < errors), size <= limits, size <= (bounds * (1 + 1e-9)).astype(float)],
+        ["undetermined", "reproduced", "close"],
+        "differs",
     )
-    if error and abs(size - tolerance) < error:
+    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
+    judged: dict[str, Any] = {"verdict": verdict}
+    if shape:
+        judged["components"] = verdicts.reshape(shape).tolist()
+    deciding = np.flatnonzero(verdicts == verdict)
+    if np.isnan(errors[deciding]).any():
+        return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
+    if verdict == "undetermined":
+        more = max(map(_more, size[deciding] - half[deciding], errors[deciding], paper_errors[deciding]))
+        judged["doubts"] = (Doubt(why="our sampling error decides", trials=settling(more, trials)),)
+    sampled = combined > 0.0
+    distance = room / np.where(sampled, combined, half)
+    at = deciding[(np.argmax if verdict == "differs" else np.argmin)(distance[deciding])]
+    judged["margin"] = Margin(
+        measure="difference from the printed value",
+        value=differences[at],
+        limit=limits[at],
+        unit="",
+        distance=distance[at],
+        scale="standard errors" if sampled[at] else "limits",
+        standard_error=combined[at],
+    )
+    return judged
 
-        def decide(more: float) -> bool:
-            less = error / math.sqrt(more)
-            return abs(size - half - SIGMAS * math.hypot(less, paper_error)) >= less
 
-        return _Compared("undetermined", z, margin, distance, next(filter(decide, _MORE), 1.0))
-    if size <= tolerance:
-        return _Compared("reproduced", z, margin, distance)
-    verdict = "close" if bound is not None and size <= bound * (1 + 1e-9) else "differs"
-    return _Compared(verdict, z, margin, distance)
+def _more(beyond: float, error: float, paper_error: float) -> float:
+    """So many times our trials would decide about a number that lies so far beyond its printed digits."""
 
+    def decide(more: float) -> bool:
+        less = error / math.sqrt(more)
+        return abs(beyond - SIGMAS * math.hypot(less, paper_error)) >= less
 
-def _standard_errors(evaluation: Evaluation, values: Mapping, refuse: Callable) -> dict:
-    if evaluation.standard_error is None or not evaluation.trials:
-        raise refuse("a Monte Carlo value needs its standard error and its number of trials")
-    errors = flatten(evaluation.standard_error)
-    valid = all(is_number(error) and (0 <= error < math.inf or math.isnan(error)) for error in errors.values())
-    if errors.keys() != values.keys() or not valid:
-        raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
-    return errors
-
-
-def _nested(like: Any, leaves: Mapping, index: tuple[int, ...] = ()) -> Any:
-    """Arrange leaves by their indices in the shape of a nested list; nothing for a single number."""
-    if not isinstance(like, list):
-        return leaves[index] if index else None
-    return [_nested(item, leaves, (*index, i)) for i, item in enumerate(like)]
+    return next(filter(decide, _MORE), 1.0)
 
 
 def _used_literally(value: Any, printed: Any) -> bool:
@@ -319,13 +295,12 @@ def _check_ids(published, declarations, evaluations_by_reading, known_errata) ->
             raise InputError(f"{published[0].paper}: there is no {what} '{name}'; {nearest(name, valid)}")
 
 
-def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
+def _reason(claim, declaration, first, evaluations, verdict, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     numbers: dict[str, dict | None] = dict.fromkeys(left_out)
     for name, evaluation in evaluations.items():
         own = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
-        own |= {"z": results[name].z and results[name].z.largest, **evaluation.numbers}
-        numbers[name] = None if evaluation.failed else own
+        numbers[name] = None if evaluation.failed else own | evaluation.numbers
     try:
         text = with_own_numbers(declaration.reason, numbers, first)
     except (ValueError, TypeError) as error:
@@ -336,12 +311,12 @@ def _reason(claim, declaration, first, evaluations, results, left_out) -> str:
     text = ". ".join(filter(None, [basis, text]))
     if not text and declaration.choices:
         text = f"Depends on {', '.join(map(in_words, declaration.choices))}."
-    if results[first].verdict != "close":
+    if verdict != "close":
         return text
     tolerance = declaration.close
     if tolerance.relative:
         bound = f"{100 * tolerance.relative:.3g} % of the printed value"
     else:
-        bound = ", ".join(f"{entry:g}" for entry in flatten(tolerance.absolute).values())
+        bound = ", ".join(f"{entry:g}" for entry in np.ravel(tolerance.absolute))
         bound = f"{bound} {claim.unit}".removesuffix(" 1")
     return f"{text} Within the tolerance stated beforehand ({bound}): {tolerance.reason.rstrip('.')}.".strip()

@@ -10,9 +10,8 @@ decorator says what is fixed beforehand, what it returns says what was measured 
         error = mean_standard_error(variance(mass), len(mass))
         return holds(measure("mean minus prior mass", mass.mean() - nominal.mass[-1], "kg") > 3 * error)
 
-- A sampled measure carries its standard error, `measure(name, value, unit, error=...)`: within three of them of its
-  limit it is undetermined. A limit of words (`VISIBLE`, `1.0 - MUCH`, see `thresholds`) is varied by a factor of two.
-- `counterexample` names the change of a record or input that turns the verdict, see `counterexamples`.
+docs/verdicts.md says what limits, doubts and counterexamples there are.
+
 - A claim is not evaluated in a reading that lacks an artifact of its signature; a parameter with a default may lack.
 - `Largest[...]` takes the case `<name>_large` where the reading has it.
 - A measure that claims share is a function of the same folder with the class that it returns as its annotation; a
@@ -45,17 +44,13 @@ from marsedl.replication.claims.claim import (
     Tolerance,
 )
 from marsedl.replication.claims.counterexamples import Perturbation
-from marsedl.replication.claims.numbers import is_finite
-from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.claims.stated import stated_value
+from marsedl.replication.claims.numbers import finite_values, told_apart
+from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
 from marsedl.replication.errors import InputError, SolverError
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.injection import Arguments, Missing
-from marsedl.replication.pipeline.runner import Run
-
-_DIGITS = 4  # that evidence shows, and more where a value and its limit would look equal
 
 
 class Fails(Exception):
@@ -130,33 +125,39 @@ class Test:
         return Test(self.passed or other.passed, sentence, unsure.doubt, unsure.more, better.margin)
 
 
-@dataclass(frozen=True, eq=False)
 class Measure:
     """What a statement is judged by: a number, or an array of which all entries have to pass."""
 
-    name: str
-    value: np.ndarray
-    unit: str
-    error: np.ndarray | float = 0.0  # standard error of a sampled value
-
     __array_ufunc__ = None  # so that arrays leave comparisons to this class
+
+    def __init__(self, name: str, value: object, unit: str = "", *, error: object = 0.0):
+        """Take what is measured; raises InputError if there is no value at all, so that no test could fail.
+
+        name: what it is, as the subject of a sentence; unit: of the value and of its limit; error: standard error of a
+        sampled value, of its shape or one for all.
+        """
+        self.name, self.value, self.unit, self.error = name, np.asarray(value), unit, np.asarray(error, dtype=float)
+        if self.value.size == 0:
+            raise InputError(f"{name}: there is nothing to measure")
 
     def _test(self, compare: Callable, relation: str, limit: object) -> Test:
         limit = limit if isinstance(limit, Limit) else Limit(None, np.asarray(limit))
-        value, limits, error = np.broadcast_arrays(self.value, np.asarray(limit.at(1.0)), self.error)
+        varied = (limit.at(factor) for factor in (1.0, 0.5, 2.0))
+        arrays = np.broadcast_arrays(self.value, *varied, self.error)
+        value, limits, half, twice, error = map(np.ravel, arrays)
         passed, upper = compare(value, limits), compare in (operator.lt, operator.le)
         room = ((limits - value) if upper else (value - limits)).astype(float)
         room = np.where(np.isnan(room), -np.inf, room)
         # With one limit for all, the entry nearest to it is the largest or the smallest.
-        at, which = np.unravel_index(np.argmin(room), room.shape), ""
+        at, which = np.argmin(room), ""
         if value.size > 1:
             has_own_limits = np.ptp(limits.astype(float)) > 0
             which = "nearest to its limit " if has_own_limits else ("at most " if upper else "at least ")
-        number, bound = _texts(value[at], limits[at])
+        number, bound = told_apart(value[at], limits[at])
         unit = f" {self.unit}" if self.unit else ""
         spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
         negation = "" if passed.all() else "not "
-        why, more = _doubt(self, compare, limit, passed, room, error)
+        why, more = _doubt(passed, (compare(value, half) != passed) | (compare(value, twice) != passed), room, error)
         return Test(
             bool(passed.all()),
             f"{self.name}: {which}{number}{spread}{unit} ({negation}{relation} {bound}{unit})",
@@ -171,16 +172,7 @@ class Measure:
     __ge__ = partialmethod(_test, operator.ge, "at least")
 
 
-def measure(name: str, value: object, unit: str = "", *, error: object = 0.0) -> Measure:
-    """Return what a statement is judged by; raises InputError if there is no value at all, so that no test could fail.
-
-    name: what it is, as the subject of a sentence; value: a number or an array; unit: of the value and of its limit;
-    error: standard error of a sampled value, of its shape or one for all.
-    """
-    value = np.asarray(value)
-    if value.size == 0:
-        raise InputError(f"{name}: there is nothing to measure")
-    return Measure(name, value, unit, np.asarray(error, dtype=float))
+measure = Measure
 
 
 def check(sentence: str, passed: object) -> Test:
@@ -217,11 +209,9 @@ def listed(values: object, form: str = ".3f") -> str:
     return ", ".join(f"{value:{form}}" if np.isfinite(value) else "none" for value in np.atleast_1d(values))
 
 
-def _doubt(measure, compare, limit, passed, room, error) -> tuple[str, float]:
+def _doubt(passed, by_words, room, error) -> tuple[str, float]:
     """Why a test could be the other way, and how many times the trials would decide it; none if it could not."""
     by_noise = np.isfinite(room) & (error > 0) & (np.abs(room) <= SIGMAS * error)
-    varied = [np.broadcast_to(compare(measure.value, limit.at(factor)), room.shape) for factor in (0.5, 2.0)]
-    by_words = (varied[0] != passed) | (varied[1] != passed)
     without_error = np.isfinite(room) & np.isnan(error)
     if np.any(~passed & ~by_noise & ~by_words & ~without_error) or not np.any(by_noise | by_words | without_error):
         return "", 1.0  # one entry fails for certain, or all pass
@@ -242,8 +232,8 @@ def _margin(measure, passed, room, value, limits, error) -> Margin | None:
     if not candidates.size:
         return None
     # Of several that are as far in these units, as all are from a limit of zero, the numbers themselves decide.
-    by_distance = np.lexsort((np.abs(room).ravel()[candidates], distance.ravel()[candidates]))
-    at = np.unravel_index(candidates[by_distance[0 if passed.all() else -1]], distance.shape)
+    by_distance = np.lexsort((np.abs(room)[candidates], distance[candidates]))
+    at = candidates[by_distance[0 if passed.all() else -1]]
     return Margin(
         measure=measure.name,
         value=float(value[at]),
@@ -253,17 +243,6 @@ def _margin(measure, passed, room, value, limits, error) -> Margin | None:
         scale="standard errors" if error[at] > 0 else "limits" if limits[at] else "values",
         standard_error=float(error[at]),
     )
-
-
-def _texts(value: object, limit: object) -> tuple[str, str]:
-    """A number and its limit, with as many digits as it takes to tell them apart."""
-    if np.issubdtype(np.asarray(value).dtype, np.integer):
-        return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.{_DIGITS}g}"
-    for digits in range(_DIGITS, 18):
-        texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
-        if texts[0] != texts[1] or value == limit:
-            break
-    return texts
 
 
 # ----------------------------------------------------------------------------------------------------- a paper's claims
@@ -334,7 +313,7 @@ class Claims:
         if printed and printed.input is not None:
             if marked:
                 raise InputError(f"claim {name} has an input in data/published and a function too; drop one of them")
-            return stated_value(printed, asked.values, self._model)
+            return Evaluation(stated_value(printed, asked.values, self._model))
         try:
             return asked.call(marked.function, **marked.options)
         except Fails as failure:
@@ -344,21 +323,17 @@ class Claims:
             return Evaluation(failed, errors, failure.trials, str(failure), failed=True)
 
     def evaluate(
-        self,
-        given: Arguments,
-        published: Mapping[str, PublishedClaim],
-        lacking: tuple[type[Exception], ...] = (Missing,),
-        **further: object,
+        self, given: Arguments, published: Mapping[str, PublishedClaim], **further: object
     ) -> dict[str, Evaluation | None]:
-        """Return the evaluations of all claims in one reading by id; None for a claim that raises an error `lacking`.
+        """Return the evaluations of all claims in one reading by id, arguments as of `asking`.
 
-        Other arguments are those of `asking`.
+        None is that of a claim that lacks an artifact, or needs a stage whose solver fails.
         """
         asked = self.asking(given, published, **further)
         stated = [name for name, printed in published.items() if printed.input is not None]
         evaluations = dict.fromkeys([*stated, *self.declarations])
         for name in evaluations:
-            with contextlib.suppress(*lacking):
+            with contextlib.suppress(Missing, SolverError):
                 evaluations[name] = self.evaluate_one(name, asked)
         return evaluations
 
@@ -386,7 +361,7 @@ class Claims:
     def _verdict(self, name: str, asked: Arguments) -> tuple:
         """The verdict on a claim and on its components; raises ValueError if there is nothing to judge."""
         evaluation = self.evaluate_one(name, asked)
-        if evaluation.failed or not is_finite(evaluation.value):
+        if evaluation.failed or evaluation.value is None or finite_values(evaluation.value) != evaluation.value:
             raise ValueError(f"{name}: nothing to judge")
         result = judge(asked.further["published"][name], evaluation, self.declarations[name])
         return result.verdict, result.components
@@ -397,11 +372,3 @@ def claims_of(slug: str) -> Claims:
     """Return the claims of a paper."""
     model = import_module(f"marsedl.papers.{slug}.inputs").MODEL
     return Claims(f"marsedl.papers.{slug}.claims", model)
-
-
-def evaluate(run: Run, published: Mapping[str, PublishedClaim], **further: object) -> dict[str, Evaluation | None]:
-    """Return the evaluation of each claim of a run, arguments as of `Claims.evaluate`.
-
-    A claim that needs a stage whose solver fails has none.
-    """
-    return claims_of(run.paper.slug).evaluate(run.given(), published, (Missing, SolverError), **further)

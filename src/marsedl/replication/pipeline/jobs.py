@@ -69,8 +69,7 @@ class Job:
         for path, recipe in zip(self.output, self.made["recipes"], strict=True):
             flown = None if "chunks" in self.input.keys() else recipe["options"]  # noqa: SIM118
             artifact = computed(self.made["entries"], self.given(recipe["inputs"]), flown)
-            made_from = [Path(need).name for need in self.artifacts]
-            provenance = {"recipe": recipe_digest(recipe), "made_from": made_from, "size": self.made["size"]}
+            provenance = {"recipe": recipe_digest(recipe), "size": self.made["size"]}
             store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 
     def readings(self) -> dict[str, Arguments]:

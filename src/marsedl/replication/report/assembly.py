@@ -14,7 +14,7 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Solve, Stage, entry_of, function_of
+from marsedl.replication.pipeline.catalogue import Paper, Solve, entry_of, function_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.records import store
 from marsedl.replication.report.closeups import CloseUp
@@ -72,7 +72,7 @@ def paper_report(
         {name: (model.unit(name), model.meaning(name)) for name in names},
         closeups(catalogue, files),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
-        provenance(files, catalogue.stages, {name: written(readings[CORRECTED], name) for name in names}),
+        provenance(files),
     )
 
 
@@ -101,19 +101,14 @@ def solved(solve: Solve, paths: Paths) -> list[str]:
     return [solve.artifact, solve.what or solve.artifact, "; ".join(ended), f"{solves:,}", ends, largest]
 
 
-def provenance(files: Mapping[str, str], stages: Mapping[str, Stage], inputs: Mapping[str, Any]) -> list[list[str]]:
-    """Return what each artifact was made from: name, meaning, other artifacts, a seed, and code by its digest.
-
-    The provenance of a Monte Carlo case names the jobs that its trials were scattered into. So the needs of its stage
-    and the seed among the `inputs` of the reading are shown.
-    """
+def provenance(files: Mapping[str, str]) -> list[list[str]]:
+    """Return what each artifact was made from: name, meaning, other artifacts, a seed, and code by its digest."""
     rows = []
     for name, path in files.items():
         with store.opened(path) as file:
             meaning = file.attrs["meaning"]
-        scattered = {"made_from": stages[FLIGHTS].needs, "inputs": inputs, "code": "–"} if name not in stages else {}
-        stored = scattered or store.provenance(path)
-        made_from = ", ".join(sorted(Path(source).stem for source in stored["made_from"])) or "inputs alone"
+        stored = store.provenance(path)
+        made_from = ", ".join(sorted(need.removesuffix(".h5") for need in stored["needs"])) or "inputs alone"
         seed = next((str(value) for key, value in stored["inputs"].items() if key.endswith(".seed")), "–")
         rows.append([name, meaning, made_from, seed, stored["code"]])
     return rows

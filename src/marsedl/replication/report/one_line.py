@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 
 from marsedl.replication.claims.claim import STANDING_VERDICTS, Claim, Doubt, Margin
-from marsedl.replication.claims.numbers import flatten, format_number, format_result, is_finite
+from marsedl.replication.claims.numbers import flatten, format_number, format_result
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
 from marsedl.replication.report.formulas import with_raised_powers
@@ -27,7 +27,7 @@ def shown(row: Claim) -> str:
         if margin is None or margin.value is None:
             return ""
         return with_unit(_number(margin.value, margin.limit, margin.standard_error), margin.unit)
-    if None in flatten(result.value).values() or not is_finite(result.value):
+    if None in flatten(result.value).values():
         return "no value" if result.verdict == "differs" else ""
     verdicts = [verdict for verdict in flatten(result.components).values() if verdict]
     if len(verdicts) > 2:

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import MEASURED, Claim, Result
-from marsedl.replication.claims.numbers import broadcast, flatten, is_number
+from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation, judge
-from marsedl.replication.claims.writing import claims_of, evaluate
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
@@ -138,7 +138,8 @@ class Evaluator:
 
         Unlike a universe, it has the numbers of trials that its inputs say.
         """
-        found = evaluate(self._run(self.study.readings[name]), self.published, **self.further)
+        run = self._run(self.study.readings[name])
+        found = self.claims.evaluate(run.given(), self.published, **self.further)
         self.memory.let_go()
         return found
 
@@ -205,10 +206,9 @@ def numbers_of(claim: PublishedClaim | Claim, found: Evaluation | Result) -> Num
     if claim.kind == "qualitative":
         of = found.margin and (found.margin.value, found.margin.standard_error, found.margin.limit)
         return {claim.id: tuple(math.nan if number is None else number for number in of)} if of else {}
-    values, printed = flatten(found.value), flatten(claim.printed)
-    errors = broadcast(found.standard_error, values)
+    values, errors, printed = map(flatten, (found.value, found.standard_error, claim.printed))
     return {
-        label: (values[at], errors[at] or 0.0, printed[at])
+        label: (values[at], errors.get(at) or 0.0, printed[at])
         for label, at, _ in components_of(claim)
         if is_number(values.get(at)) and is_number(printed[at])
     }
@@ -220,8 +220,9 @@ def components_of(claim: PublishedClaim | Claim) -> list[tuple[str, tuple[int, .
     Indices are counted from 1 in the names; the half is 0 if no digit is printed.
     """
     numbers = {(): 0.0} if claim.kind == "qualitative" else flatten(claim.printed)
-    digits = broadcast(claim.resolution, numbers)
-    return [(claim.id + "".join(f"[{i + 1}]" for i in at), at, 0.5 * (digits[at] or 0.0)) for at in numbers]
+    digits = flatten(claim.resolution)  # one for all, or one for each
+    halves = {at: 0.5 * (digits.get(at, digits.get(())) or 0.0) for at in numbers}
+    return [(claim.id + "".join(f"[{i + 1}]" for i in at), at, half) for at, half in halves.items()]
 
 
 def size_of_change(before: Triple, after: Triple, half: float) -> float:
