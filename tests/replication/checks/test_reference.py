@@ -1,9 +1,7 @@
 """The proof itself: that two builds are compared in full, and that tampered numbers are found."""
 
 import copy
-import importlib
 import json
-import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -446,16 +444,3 @@ def test_what_rounding_decides_is_compared_by_shape(project, capsys):
     shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
     store.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
     assert not agrees(project, "corrected/nominal/mass")
-
-
-def test_two_machines_are_compared_as_two_builds_are(project, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "bench")
-    machines = importlib.import_module("machines")
-    for name, scale in (("pinned", 1.0), ("other", 1.1)):
-        stored(project, scale)
-        for part in ("data/cache", "report"):
-            shutil.copytree(project / part, project / name / "build" / "smoke" / part)
-    rows = machines.compared(project / "pinned", project / "other", SLUG).set_index("artifact")
-    assert rows["numbers"].to_dict() == {"verdicts": "1", "claims": "1", "nominal": "2"}
-    assert rows["beyond"].to_dict() == {"verdicts": "0", "claims": "0", "nominal": "1"}
-    assert rows.loc["nominal", "worst"] == "corrected/mass"
