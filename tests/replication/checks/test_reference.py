@@ -59,6 +59,7 @@ def project(tmp_path, monkeypatch):
     made = {SLUG: copy.deepcopy(MADE)}
     reference.accept_reference(tmp_path, tmp_path, owned(), made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
+    monkeypatch.setattr(cli, "SLUGS", (SLUG,), raising=False)
     build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
     monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
