@@ -127,16 +127,8 @@ def studies(folder, text):
 
 # ----------------------------------------------------------------------------------------------------------- the claims
 
-MASS = PublishedClaim(
-    paper="paper",
-    id="mass",
-    where="Sec. V",
-    quantity="final mass",
-    printed=1349,
-    unit="kg",
-    kind="deterministic",
-    resolution=1,
-)
+PLACE = {"paper": "paper", "id": "mass", "where": "Sec. V", "quantity": "final mass", "unit": "kg"}
+MASS = PublishedClaim(**PLACE, printed=1349, kind="deterministic", resolution=1)
 
 
 def like_mass(**changes):

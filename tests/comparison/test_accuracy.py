@@ -32,7 +32,7 @@ def test_lost_flights_are_left_out_and_counted(flights):
     assert accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], lost) == [row._replace(lost=7) for row in rows]
 
 
-def test_where_no_flight_is_left_no_number_is_given(flights):
+def test_where_no_flight_is_left_no_number_is_given():
     (row,) = accuracy.deviations("case", QUANTITIES[:1], [2.0], np.full((4, 1), np.nan))
     assert np.isnan(row.ratio)
     assert (row.trials, row.lost) == (0, 4)

@@ -35,6 +35,27 @@ BEFORE = side("corrected", (1.0, 2.0), 5.0, ("reproduced", "reproduced", "holds"
 AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "none"), mass="3", area="2")
 
 
+@pytest.fixture(scope="module")
+def study():
+    """The readings of a paper."""
+    return load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
+
+
+@pytest.fixture
+def other_build(tmp_path, study, monkeypatch):
+    """A function that gives a reading of a build whose only artifact, of `corrected`, was made with some inputs."""
+    monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
+    path = tmp_path / "data/cache/powered_descent/corrected/gains.h5"
+
+    def made_with(name, inputs, size):
+        path.parent.mkdir(parents=True)
+        path.touch()
+        monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": inputs, "size": size})
+        return of_other_build(name, study, tmp_path)
+
+    return made_with
+
+
 def test_of_a_verdict_that_changes_the_number_is_told_that_moves_most():
     (one,) = moved_claims(BEFORE, AFTER, PUBLISHED)
     assert (one.component, one.verdict_before, one.verdict_after) == ("mean[2]", "reproduced", "differs")
@@ -63,31 +84,17 @@ def test_numbers_are_shown_with_digits_that_tell_them_apart():
     assert in_digits(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
 
 
-def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, monkeypatch):
-    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
-    monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
+def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, study, other_build):
     with pytest.raises(InputError, match="has no artifacts"):
         of_other_build("corrected", study, tmp_path)
-    used = {
-        "noise.noise_coefficient": 0.5,
-        "entry.initial_speed": study.readings["corrected"].inputs.plain()["entry.initial_speed"],
-    }
-    (tmp_path / "data/cache/powered_descent/corrected").mkdir(parents=True)
-    (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
-    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "smoke"})
-    other = of_other_build("corrected", study, tmp_path)
+    same = study.readings["corrected"].inputs.get("entry.initial_speed")
+    other = other_build("corrected", {"noise.noise_coefficient": 0.5, "entry.initial_speed": same}, "smoke")
     assert [*difference(BEFORE, other, []).inputs] == ["noise.noise_coefficient", "size"]
 
 
-def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_corrected(tmp_path, monkeypatch):
-    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
-    corrected = study.readings["corrected"].inputs.plain()
-    (tmp_path / "data/cache/powered_descent/corrected").mkdir(parents=True)
-    (tmp_path / "data/cache/powered_descent/corrected/gains.h5").touch()
-    used = {"mission.final_covariance": corrected["mission.final_covariance"], "entry.initial_speed": 1.0}
-    monkeypatch.setattr(compare, "side_of", lambda *_: BEFORE)
-    monkeypatch.setattr(compare.store, "provenance", lambda path: {"inputs": used, "size": "full"})
-    point = of_other_build("target4", study, tmp_path)
+def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_corrected(study, other_build):
+    same = study.readings["corrected"].inputs.plain()["mission.final_covariance"]
+    point = other_build("target4", {"mission.final_covariance": same, "entry.initial_speed": 1.0}, "full")
     assert {*difference(BEFORE, point, []).inputs} == {"entry.initial_speed", "size"}
 
 
@@ -96,8 +103,7 @@ def test_inputs_that_differ_are_named_with_both_values():
     assert difference(BEFORE, BEFORE, PUBLISHED).inputs == {}
 
 
-def test_what_is_not_built_or_not_known_is_refused(tmp_path):
-    study = load_study("powered_descent", input_model("powered_descent"), ROOT, "full", {})
+def test_what_is_not_built_or_not_known_is_refused(tmp_path, study):
     for name, message in {"universe:x": "write universe:NUMBER", "printd": "did you mean 'printed'"}.items():
         with pytest.raises(InputError, match=message):
             named(name, study)

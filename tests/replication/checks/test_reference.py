@@ -16,8 +16,8 @@ from marsedl.replication.checks.reference import COUNT_TOLERANCE, RELATIVE_TOLER
 from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import UNEXPLAINED
 from marsedl.replication.claims.printed import load_published
-from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.files import write_json
 from marsedl.replication.records import fields, store
 from marsedl.replication.sizes import build_folder
 
@@ -59,6 +59,7 @@ def project(tmp_path, monkeypatch):
     made = {SLUG: copy.deepcopy(MADE)}
     reference.accept_reference(tmp_path, tmp_path, owned(), made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
+    monkeypatch.setattr(cli, "SLUGS", (SLUG,), raising=False)
     build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
     monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
@@ -69,10 +70,8 @@ def project(tmp_path, monkeypatch):
 
 def counterexample(root, verdict, name="final_mass"):
     """Store the verdict that a claim has after its counterexample, or none if nothing turns it."""
-    path = root / "report" / "counterexamples" / f"{SLUG}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
     turned = verdict and {"change": "scaled", "of": "nominal.mass", "amount": 1.5, "to": verdict}
-    path.write_text(json.dumps({name: turned}), encoding="utf-8")
+    write_json({name: turned}, root / "report" / "counterexamples" / f"{SLUG}.json")
 
 
 def stored(root, scale=1.0, iterations=100):
@@ -80,29 +79,31 @@ def stored(root, scale=1.0, iterations=100):
     store.save(root / ARTIFACT, thing, paper=SLUG, reading="corrected", provenance={})
 
 
-def claim(root, value, reason="E10: not reproducible", verdict="differs", printed=None, names=("final_mass",)):
-    path = root / "report" / "claims" / f"{SLUG}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    results = {"corrected": (value, verdict), "printed": (None, printed)}
+def claim(root, value, reason="E10", verdict="differs", in_printed=None, names=("final_mass",), error=None, **more):
+    results = {"corrected": (value, verdict), "printed": (None, in_printed)}
     readings = {
-        reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": []}
+        reading: {"value": value, "standard_error": error, "verdict": verdict, "evidence": []}
         for reading, (value, verdict) in results.items()
     }
     row = {"where": "x", "quantity": "x", "printed": 1346, "unit": "kg", "kind": "deterministic", "resolution": 1}
-    row |= {
-        "trials": None,
-        "paper": SLUG,
-        "verdict": verdict or "fails",
-        "reading": "corrected",
-        "reason": reason,
-        "readings": readings,
-    }
-    rows = [{**row, "id": name} for name in names]
-    path.write_text(json.dumps(rows), encoding="utf-8")
+    row |= {"trials": None, "paper": SLUG, "verdict": verdict or "fails", "reading": "corrected", "reason": reason}
+    row |= {"readings": readings, **more}
+    write_json([{**row, "id": name} for name in names], root / "report" / "claims" / f"{SLUG}.json")
 
 
 def reference_of(root) -> dict:
     return json.loads((root / "data" / "reference" / f"{SLUG}.json").read_text(encoding="utf-8"))
+
+
+def verified(capsys, status, *options) -> str:
+    """What is said of the build and its reference, with an exit status that must be the given one."""
+    assert cli.main(["verify", "--no-rebuild", *options]) == status
+    return capsys.readouterr().out
+
+
+def agrees(root, *noise) -> bool:
+    """Whether the build agrees with its reference."""
+    return reference.compare_reference(root, root, owned(*noise), {SLUG: MADE})
 
 
 def reduced(*values, kind=float):
@@ -137,39 +138,19 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 # ----------------------------------------------------------------------------------------------------------- reference
 
 
-def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
-    rows = read_claims(project / f"report/claims/{SLUG}.json")
-    entries = reference.fingerprints(rows, {"corrected/nominal": project / ARTIFACT})
-    assert set(entries) == {
-        "verdicts/final_mass",
-        "published/final_mass",
-        "claims/final_mass/corrected",
-        "corrected/nominal/mass",
-        "corrected/nominal/iterations",
-    }
-    assert entries["published/final_mass"] == "1346 kg, deterministic, last digit 1"
-    assert entries["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
-    assert entries["corrected/nominal/mass"]["shape"] == [50]
-    assert entries["corrected/nominal/iterations"]["counts"]
-    assert not entries["corrected/nominal/mass"]["counts"]
-    assert entries["corrected/nominal/mass"]["numbers"][3:] == [1349.4, 1500.0]  # smallest and largest
-
-
 def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
-    assert cli.main(["verify", "--no-rebuild"]) == 0
-    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in (output := capsys.readouterr().out)
+    output = verified(capsys, 0)
+    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in output
     assert "0 missing; none moved" in output
     assert "marsedl accept" not in output
 
 
 def test_rounding_is_tolerated_and_more_is_not(project, capsys):
     stored(project, scale=1 + 1e-9)
-    assert cli.main(["verify", "--no-rebuild"]) == 0
+    verified(capsys, 0)
     stored(project, scale=1 + 1e-5)
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    assert "  and 1 number of 1 artifact; --all shows them" in capsys.readouterr().out.splitlines()
-    assert cli.main(["verify", "--no-rebuild", "--all"]) == 1
-    output = capsys.readouterr().out
+    assert "  and 1 number of 1 artifact; --all shows them" in verified(capsys, 1).splitlines()
+    output = verified(capsys, 1, "--all")
     assert "1 number beyond tolerance" in output
     (row,) = [
         line.split("  ") for line in output.splitlines() if "corrected/nominal/mass" in line and "largest" in line
@@ -183,9 +164,8 @@ def test_rounding_is_tolerated_and_more_is_not(project, capsys):
 def test_a_changed_verdict_fails_and_stands_first(project, capsys):
     """Though its number is within tolerance: that of a statement is true or false."""
     stored(project, scale=1.1)
-    claim(project, 1349.4, verdict="close", printed="fails")
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    output = capsys.readouterr().out
+    claim(project, 1349.4, verdict="close", in_printed="fails")
+    output = verified(capsys, 1)
     assert "2 verdicts changed, 1 number beyond tolerance" in output
     header, first, second, third = output.splitlines()[1:5]
     assert header.split() == ["claim", "or", "field", "accepted", "now", "apart"]
@@ -196,12 +176,10 @@ def test_a_changed_verdict_fails_and_stands_first(project, capsys):
 
 def test_claims_that_are_new_or_gone_fail(project, capsys):
     claim(project, 1349.4, names=("final_mass", "fuel"))
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    output = capsys.readouterr().out.splitlines()
+    output = verified(capsys, 1).splitlines()
     assert ["x", "(verdict", "of", "fuel,", "corrected)", "–", "differs"] in [line.split() for line in output]
     claim(project, 1349.4, names=("fuel",))
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    output = [line.split() for line in capsys.readouterr().out.splitlines()]
+    output = [line.split() for line in verified(capsys, 1).splitlines()]
     assert ["verdict", "of", "final_mass,", "corrected", "differs", "–"] in output
     assert ["final_mass/corrected", "1349.4", "–"] in output
 
@@ -215,11 +193,8 @@ def test_claims_that_are_new_or_gone_fail(project, capsys):
 )
 def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now):
     """Though no verdict and no number moves."""
-    path = project / "report" / "claims" / f"{SLUG}.json"
-    (row,) = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps([{**row, **change}]), encoding="utf-8")
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    output = capsys.readouterr().out
+    claim(project, 1349.4, **change)
+    output = verified(capsys, 1)
     assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in output
     assert "1 printed claim not as accepted" in output
     row = [cell for cell in output.splitlines()[2].split("  ") if cell]
@@ -244,19 +219,13 @@ def test_a_sampled_number_that_moves_is_told_in_standard_errors_if_both_are_sing
 ):
     claim(project, accepted)
     reference.accept_reference(project, project, owned(), {SLUG: MADE})
-    claim(project, 1349.4 + 2 * np.sqrt(2))
-    path = project / "report" / "claims" / f"{SLUG}.json"
-    (row,) = json.loads(path.read_text(encoding="utf-8"))
-    row["readings"]["corrected"]["standard_error"] = 1.0
-    path.write_text(json.dumps([row]), encoding="utf-8")
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    assert apart in capsys.readouterr().out.splitlines()[-2]
+    claim(project, 1349.4 + 2 * np.sqrt(2), error=1.0)
+    assert apart in verified(capsys, 1).splitlines()[-2]
 
 
 def test_a_lost_artifact_fails(project, capsys):
     (project / ARTIFACT).unlink()
-    assert cli.main(["verify", "--no-rebuild", "--all"]) == 1
-    output = capsys.readouterr().out
+    output = verified(capsys, 1, "--all")
     assert "2 missing" in output
     assert "corrected/nominal/iterations  100" in output
 
@@ -298,21 +267,21 @@ def test_the_log_and_the_summary_begin_with_what_was_changed(project, capsys, mo
 def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project):
     with pytest.raises(InputError, match="accepted at size full; you compare smoke"):
         reference.check_size(project, [SLUG, "not_accepted"], None, "smoke")
-    claim(project, 1349.4, printed="differs")
+    claim(project, 1349.4, in_printed="differs")
     reference.accept_reference(project, project, owned(), {SLUG: MADE})
     claim(project, 1349.4)
     with pytest.raises(InputError, match=r"has printed, not built here; give the --configfile"):
-        reference.compare_reference(project, project, owned(), {SLUG: MADE})
+        agrees(project)
 
 
 def test_a_reading_of_ones_own_without_reference_is_a_note(project, capsys):
-    claim(project, 1349.4, printed="fails")
+    claim(project, 1349.4, in_printed="fails")
     shared = owned()
     shared[SLUG].study.own_readings = frozenset({"printed"})
     assert reference.compare_reference(project, project, shared, {SLUG: MADE})
     assert "note: reading printed has no reference yet" in capsys.readouterr().out
     reference.accept_reference(project, project, shared, {SLUG: MADE})
-    claim(project, 1349.4, printed="holds")
+    claim(project, 1349.4, in_printed="holds")
     assert not reference.compare_reference(project, project, shared, {SLUG: MADE})
 
 
@@ -329,8 +298,7 @@ def test_accept_shows_the_table_and_then_verify_agrees(project, capsys):
     stored(project, scale=1.1)
     claim(project, 1500.0, verdict="close")
     before = reference_of(project)
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    table = [line for line in capsys.readouterr().out.splitlines() if "tolerances" in line or "final_mass" in line]
+    table = [line for line in verified(capsys, 1).splitlines() if "tolerances" in line or "final_mass" in line]
     assert cli.main(["accept"]) == 0
     output = capsys.readouterr().out
     assert len(table) > 2
@@ -374,7 +342,7 @@ def test_a_verdict_that_turns_gets_a_row_on_the_page_of_verdicts(project, capsys
     assert str(page) not in capsys.readouterr().out
     own = project, project, owned(), {SLUG: MADE}, project / "own"
     reference.accept_reference(*own)
-    claim(project, 1349.4, verdict="close", printed="fails", names=("final_mass", "fuel"))
+    claim(project, 1349.4, verdict="close", in_printed="fails", names=("final_mass", "fuel"))
     reference.accept_reference(*own)
     assert page.read_text(encoding="utf-8").endswith(table + below)
     assert cli.main(["accept"]) == 0
@@ -395,22 +363,29 @@ def test_a_verdict_that_turns_gets_a_row_on_the_page_of_verdicts(project, capsys
     assert reference_of(project) == before
 
 
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
-        ("", "is not JSON"),
-    ],
-)
 @pytest.mark.parametrize("command", [("verify", "--no-rebuild"), ("accept",)], ids=" ".join)
-def test_damaged_references_are_refused_with_a_remedy(project, capsys, command, content, problem):
+def test_damaged_references_are_refused_with_a_remedy(project, capsys, command):
     path = project / "data" / "reference" / f"{SLUG}.json"
-    path.write_text(content, encoding="utf-8")
+    path.write_text("", encoding="utf-8")
     assert cli.main(list(command)) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
-    assert captured.err.startswith(f"marsedl: {path}: ")
-    assert problem in captured.err
+    assert captured.err.startswith(f"marsedl: {path}: ") and "is not JSON" in captured.err
     assert captured.err.endswith(f"; restore it with 'git checkout data/reference/{SLUG}.json'\n")
+
+
+@pytest.mark.parametrize(
+    ("found", "shown"),
+    [
+        (("fails", "fuel"), {("fails", "–"), ("–", "fails")}),
+        (("holds",), {("fails", "holds")}),
+        ((None,), {("not", "turned")}),
+    ],
+)
+def test_a_counterexample_that_is_lost_new_or_another_one_is_a_change(project, capsys, found, shown):
+    counterexample(project, *found)
+    rows = [line.split() for line in verified(capsys, 1).splitlines() if ", counterexample" in line]
+    assert {tuple(row[-2:]) for row in rows} == shown
 
 
 # ---------------------------------------------------------------------------------------------------------- two builds
@@ -420,25 +395,6 @@ def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
     copied = twice.copy_tree(project, tmp_path / "copy")
     names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
     assert names == {"Snakefile", f"data/reference/{SLUG}.json"}
-
-
-@pytest.mark.parametrize(
-    ("found", "shown"), [(("fails", "fuel"), {("fails", "–"), ("–", "fails")}), (("holds",), {("fails", "holds")})]
-)
-def test_a_counterexample_that_is_lost_new_or_another_one_is_a_change(project, capsys, found, shown):
-    counterexample(project, *found)
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if ", counterexample" in line]
-    assert {tuple(row[-2:]) for row in rows} == shown
-
-
-def test_a_claim_that_nothing_turns_any_more_is_a_change(project, capsys):
-    counterexample(project, None)
-    assert cli.main(["verify", "--no-rebuild"]) == 1
-    assert "not turned" in capsys.readouterr().out
-
-
-# ------------------------------------------------------------------------------------------------ building a part again
 
 
 @pytest.mark.parametrize(("contents", "equal"), [(("1", "1"), True), (("1", "2"), False)])
@@ -481,11 +437,11 @@ def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
 
 def test_what_rounding_decides_is_compared_by_shape(project, capsys):
     stored(project, scale=1.1)
-    assert not reference.compare_reference(project, project, owned(), {SLUG: MADE})
-    assert reference.compare_reference(project, project, owned("corrected/nominal/ma*"), {SLUG: MADE})
+    assert not agrees(project)
+    assert agrees(project, "corrected/nominal/ma*")
     assert "1 that rounding decides compared by shape" in capsys.readouterr().out
-    assert not reference.compare_reference(project, project, owned("corrected/nominal/iterations"), {SLUG: MADE})
+    assert not agrees(project, "corrected/nominal/iterations")
     path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
     shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
     store.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
-    assert not reference.compare_reference(project, project, owned("corrected/nominal/mass"), {SLUG: MADE})
+    assert not agrees(project, "corrected/nominal/mass")

@@ -24,8 +24,7 @@ from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 ROOT = Path(__file__).parents[3]
 
 
-PARTS = {"measure": "it", "limit": 1.0, "unit": "", "distance": 0.75, "scale": "limits", "standard_error": 0.0}
-MARGIN = Margin(value=0.25, **PARTS)
+MARGIN = Margin(value=0.25, measure="it", limit=1.0, unit="", distance=0.75, scale="limits", standard_error=0.0)
 
 
 def result(value, standard_error=None):
@@ -147,9 +146,8 @@ def test_the_numbers_of_an_accepted_build_are_kept_for_texts_that_have_no_build(
     assert path.read_text(encoding="utf-8").count(":.0f") == 1
     assert with_numbers(paper, committed(tmp_path, "toy")).figures["fig01"].caption == "1349 kg, 50.25 m"
     later = replace(paper, figures={"fig01": Product("{mass:.1f} kg")})
-    with pytest.raises(
-        InputError, match=r"^toy: figures\.fig01\.caption: .*has no \{mass:\.1f\}; run 'marsedl accept'"
-    ):
+    missing = r"^toy: figures\.fig01\.caption: .*has no \{mass:\.1f\}; run 'marsedl accept'"
+    with pytest.raises(InputError, match=missing):
         with_numbers(later, committed(tmp_path, "toy"))
     assert fill("No numbers.", committed(tmp_path, "another")) == "No numbers."
 

@@ -1,6 +1,5 @@
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +11,13 @@ from marsedl.replication.claims.rows import read_claims, summary, write_claims
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect, judge
 from marsedl.replication.errors import ArtifactError, InputError
 
-DATA = Path(__file__).parents[3] / "data"
-PUBLISHED = DATA / "published"
-
 
 def claim(**changes):
     named = {"paper": "paper", "id": "mass", "where": "Sec. V", "quantity": "final mass", "kind": "deterministic"}
     return PublishedClaim(**named, printed=1349, unit="kg", resolution=1).model_copy(update=changes)
+
+
+CLOSE = Tolerance(reason="the step size is not stated", relative=0.01)
 
 
 def verdict(claim, value, *rest, close=None, **options):
@@ -47,11 +46,6 @@ claims:
 """
 
 
-def test_every_published_file_loads():
-    for path in sorted(PUBLISHED.glob("*.yaml")):
-        assert load_published(path)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -62,12 +56,14 @@ def test_every_published_file_loads():
         ("resolution: 1", "resolution: 0", ["claims.mass.resolution", "positive"]),
         ("printed: 1349", "printed: many", ["claims.mass.printed", "many"]),
         ("printed: 1349", "printed: 1e3", ["claims.mass.printed", "as in 0.03 or 1.0e+5"]),
+        ("kind: monte_carlo", "kind: context\n    input: a.b", ["claims.mass.input: only a claim of kind 'input'"]),
         ("id: mass", "id: a mass", [":3: claims.a mass.id"]),
         ("claims:", "claims: [", ["paper.yaml"]),
     ],
 )
 def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, words):
     assert load(tmp_path, ENTRY)
+    assert load(tmp_path, ENTRY.replace("monte_carlo", "input\n    input: a.b"))[0].input == "a.b"
     with pytest.raises(InputError) as error:
         load(tmp_path, ENTRY.replace(old, new, 1))
     for word in ["paper.yaml", *words]:
@@ -93,13 +89,7 @@ def test_the_measured_rows_of_one_paper_load(tmp_path):
     assert measured(tmp_path, BENCHMARKS, "a third") == {}
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("0.25", "fast"),
-        (",0.25,s,< 1,yes", ""),
-    ],
-)
+@pytest.mark.parametrize(("old", "new"), [("0.25", "fast"), (",0.25,s,< 1,yes", "")])
 def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
     with pytest.raises(InputError, match=r"benchmarks\.csv.*make bench"):
         measured(tmp_path, BENCHMARKS.replace(old, new, 1))
@@ -108,18 +98,9 @@ def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
 # ---------------------------------------------------------------------------------------------------- verdict rules
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (1349, "reproduced"),
-        (1349.5, "reproduced"),
-        (1348.5, "reproduced"),
-        (1349.5001, "differs"),
-        (1348.4999, "differs"),
-    ],
-)
-def test_a_deterministic_scalar_reproduces_within_the_printed_rounding(value, expected):
-    assert verdict(claim(), value) == expected
+def test_a_deterministic_scalar_reproduces_within_the_printed_rounding():
+    assert [verdict(claim(), value) for value in (1349.5, 1348.5)] == ["reproduced", "reproduced"]
+    assert [verdict(claim(), value) for value in (1349.5001, 1348.4999)] == ["differs", "differs"]
 
 
 def test_the_rounding_edge_tolerates_floating_point_noise_and_no_more():
@@ -178,12 +159,6 @@ def test_a_number_without_a_standard_error_decides_nothing():
     assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
 
 
-def test_without_sampling_error_the_rule_is_the_deterministic_one():
-    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
-    assert verdict(printed, 1349.5, 0.0, 10) == "reproduced"
-    assert verdict(printed, 1349.51, 0.0, 10) == "differs"
-
-
 def test_every_component_of_a_monte_carlo_vector_has_a_verdict_and_the_worst_is_named():
     printed = claim(kind="monte_carlo", printed=[100.0, 50.0, 0.0], trials=1000, resolution=0.001)
     errors = [1.0, 0.1, 0.01]
@@ -200,7 +175,7 @@ def test_every_component_of_a_monte_carlo_vector_has_a_verdict_and_the_worst_is_
     assert (judged.margin.value, judged.components) == (7.0, [["reproduced", "differs"]])
 
 
-def test_what_cannot_fail_is_listed_and_not_counted():
+def test_what_cannot_fail_is_by_construction():
     statement = claim(kind="qualitative", printed=True, resolution=None)
     identity = Declaration(by_construction="an identity")
     assert judge(statement, Evaluation(True, evidence="yes"), identity).verdict == "by_construction"
@@ -209,10 +184,6 @@ def test_what_cannot_fail_is_listed_and_not_counted():
     wrong = Evaluation(False, evidence="no", by_construction="a number of monomials")
     assert judge(statement, wrong).verdict == "by_construction"
     assert judge(statement, replace(wrong, failed=True)).verdict == "fails"
-    of_reading = {"corrected": {statement.id: Evaluation(True, evidence="yes")}}
-    counts = summary(collect([statement], {statement.id: identity}, of_reading))
-    assert counts["listed"]["by_construction"] == 1
-    assert sum(counts["counted"].values()) == 0
 
 
 def test_a_statement_in_doubt_is_undetermined():
@@ -223,12 +194,11 @@ def test_a_statement_in_doubt_is_undetermined():
 
 
 def test_close_is_a_tolerance_stated_beforehand():
-    one_percent = Tolerance(reason="the step size is not stated", relative=0.01)
     printed = claim(printed=-200.0, resolution=0.1)
-    assert verdict(printed, -200.04, close=one_percent) == "reproduced"
-    assert verdict(printed, -201.999, close=one_percent) == "close"
-    assert verdict(printed, -198.001, close=one_percent) == "close"
-    assert verdict(printed, -202.001, close=one_percent) == "differs"
+    assert verdict(printed, -200.04, close=CLOSE) == "reproduced"
+    assert verdict(printed, -201.999, close=CLOSE) == "close"
+    assert verdict(printed, -198.001, close=CLOSE) == "close"
+    assert verdict(printed, -202.001, close=CLOSE) == "differs"
     assert verdict(printed, -200.5, close=Tolerance(reason="why", absolute=0.5)) == "close"
     assert verdict(printed, -200.501, close=Tolerance(reason="why", absolute=0.5)) == "differs"
     vector = claim(printed=[1.0, 0.0], resolution=0.01)
@@ -236,7 +206,7 @@ def test_close_is_a_tolerance_stated_beforehand():
     assert verdict(vector, [1.1, 0.21], close=Tolerance(reason="why", absolute=[0.1, 0.2])) == "differs"
     assert verdict(vector, [1.001, 0.02], close=Tolerance(reason="a zero leaves no room", relative=0.5)) == "differs"
     noisy = claim(kind="monte_carlo", trials=100, resolution=1.0)
-    assert verdict(noisy, 1360.0, 0.1, 100, close=one_percent) == "close"
+    assert verdict(noisy, 1360.0, 0.1, 100, close=CLOSE) == "close"
     with pytest.raises(ArtifactError, match="tolerance"):
         verdict(vector, [2.0, 2.0], close=Tolerance(reason="why", absolute=[0.1]))
 
@@ -249,12 +219,6 @@ def test_a_statement_holds_if_the_test_decides_as_printed(printed, computed, exp
     statement = claim(kind="qualitative", printed=printed, resolution=None)
     assert verdict(statement, computed, evidence="factor 0.011") == expected
     assert verdict(statement, np.bool_(computed), evidence="factor 0.011") == expected
-
-
-def test_a_statement_needs_a_bool():
-    statement = claim(kind="qualitative", printed=True, resolution=None)
-    with pytest.raises(ArtifactError, match="true or false"):
-        verdict(statement, 1, evidence="one")
 
 
 def test_inputs_are_as_stated_only_if_used_literally():
@@ -270,16 +234,6 @@ def test_inputs_are_as_stated_only_if_used_literally():
     assert verdict(claim(kind="input", printed=1, resolution=None), True) == "not_as_stated"
 
 
-def test_undetermined_and_quoted_do_not_depend_on_values():
-    for value in (None, 5.0, [1, 2]):
-        assert verdict(claim(kind="undetermined"), value) == "undetermined"
-        assert verdict(claim(kind="context"), value) == "quoted"
-
-
-def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
-    assert verdict(claim(), None) is None
-
-
 def test_a_value_that_is_not_finite_never_reproduces():
     assert verdict(claim(), math.nan) == "differs"
     assert verdict(claim(), math.inf, close=Tolerance(reason="why", relative=1.0)) == "differs"
@@ -292,6 +246,7 @@ def test_a_value_that_is_not_finite_never_reproduces():
     [
         ({}, Evaluation([1.0]), "shape"),
         ({}, Evaluation(True), "numbers"),
+        ({"kind": "qualitative", "printed": True}, Evaluation(1), "true or false"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "standard error"),
@@ -415,10 +370,7 @@ def test_a_reason_has_dashes_for_numbers_that_a_smaller_size_does_not_build():
         (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
         (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
         (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["there is no erratum 'E99'"]),
-        (
-            lambda r, d: d.update(converges=Declaration(close=Tolerance(reason="why", relative=0.1))),
-            ["claim converges", "no tolerance"],
-        ),
+        (lambda r, d: d.update(converges=Declaration(close=CLOSE)), ["claim converges", "no tolerance"]),
     ],
 )
 def test_mistakes_of_a_paper_are_named(change, words):
@@ -466,11 +418,6 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
     with pytest.raises(ArtifactError, match=r"claims.json"):
         write_claims([damaged], path)
     assert path.read_bytes() == before
-    with pytest.raises(ArtifactError, match=r"none.json"):
-        read_claims(tmp_path / "none.json")
-    (tmp_path / "bad.json").write_text("{}")
-    with pytest.raises(ArtifactError, match=r"bad.json"):
-        read_claims(tmp_path / "bad.json")
 
 
 def test_inputs_and_quotations_are_never_counted():
@@ -499,16 +446,9 @@ def test_numbers_are_written_as_a_reader_expects(arguments, expected):
     assert format_number(*arguments) == expected
 
 
-# -------------------------------------------------------------------------------------------------------- damaged files
-
-
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path):
     path = tmp_path / "claims.json"
-    for content, problem in (
-        ("", "Invalid JSON"),
-        ("{}", "Input should be a valid"),
-        ('[{"id": 1}]', "0.paper: "),
-    ):
+    for content, problem in (("", "Invalid JSON"), ("{}", "Input should be a valid"), ('[{"id": 1}]', "0.paper: ")):
         path.write_text(content, encoding="utf-8")
         with pytest.raises(ArtifactError) as caught:
             read_claims(path)

@@ -27,7 +27,6 @@ from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.sections import Inputs, Section, given
 from marsedl.replication.pipeline import injection
 from marsedl.replication.pipeline.injection import Arguments, Largest
-from marsedl.replication.records.fields import quantity, record
 
 
 class Vehicle(Section):
@@ -47,14 +46,6 @@ class Ensemble:
 
     def __init__(self, trials):
         self.trials = trials
-
-
-@record
-class Landings:
-    """Flights of which single trials are kept."""
-
-    final_mass: np.ndarray = quantity("kg", ("laws", "trials"), "final mass")
-    mean: float = quantity("kg", (), "mean of all trials")
 
 
 class Mean(float):
@@ -108,15 +99,8 @@ def number_of_what_is_not_there(thing: Absent):
     return measured([thing, thing])
 
 
-@claim()
-def heaviest(landings: Landings, landings_large: Landings | None = None):
-    landings = landings_large or landings
-    CALLS.append(landings)
-    return measured(landings.final_mass.max(), trials=landings.final_mass.shape[1], mean=landings.mean)
-
-
-FUNCTIONS = (mean, absent, mean_mass, sides, of_a_study, with_an_option, of_what_is_not_there)
-FUNCTIONS += (number_of_what_is_not_there,)
+OF_NOTHING = (absent, of_what_is_not_there, number_of_what_is_not_there)
+FUNCTIONS = (mean, mean_mass, sides, of_a_study, with_an_option, *OF_NOTHING)
 VALUES = {"vehicle.mass": 3.0}
 
 
@@ -136,16 +120,15 @@ def package(monkeypatch, *functions, name="toy_claims"):
     return name
 
 
-def printed(name, value=True, unit="1", kind="", **others):
-    kind = kind or ("qualitative" if isinstance(value, bool) else "monte_carlo")
+def printed(name, kind, value, unit="1", **others):
     place = {"paper": "toy", "id": name, "where": "Sec. 1", "quantity": "something"}
     return PublishedClaim(**place, printed=value, unit=unit, kind=kind, **others)
 
 
 PUBLISHED = {
-    "of_what_is_not_there": printed("of_what_is_not_there"),
-    "number_of_what_is_not_there": printed("number_of_what_is_not_there", [1.0, 2.0]),
-    "stated": printed("stated", 3.0, "kg", "input", input="vehicle.mass"),
+    "of_what_is_not_there": printed("of_what_is_not_there", "qualitative", True),
+    "number_of_what_is_not_there": printed("number_of_what_is_not_there", "monte_carlo", [1.0, 2.0]),
+    "stated": printed("stated", "input", 3.0, "kg", input="vehicle.mass"),
 }
 
 
@@ -304,11 +287,7 @@ def test_what_goes_without_saying_is_told_only_where_it_is_not_met():
 
 @pytest.mark.parametrize(
     ("speed", "turn", "passed", "doubt"),
-    [
-        (5.0, 5.0, True, ""),
-        (1.0, 1.0, False, ""),
-        (5.0, 1.0, False, "the paper does not say which of these is meant"),
-    ],
+    [(5.0, 5.0, True, ""), (1.0, 1.0, False, ""), (5.0, 1.0, False, "the paper does not say which of these is meant")],
 )
 def test_a_word_with_several_meanings_decides_only_where_they_agree(speed, turn, passed, doubt):
     statement = holds(whichever(measure("speed", speed) > 3, measure("turn", turn) > 3))

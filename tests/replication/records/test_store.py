@@ -1,22 +1,28 @@
-"""Artifacts come back as they were saved, or not at all."""
+"""Artifacts come back as they were saved, or not at all.
+
+What is damaged, or not what is asked for, is refused with file and reason.
+"""
 
 import errno
 import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
-from dataclasses import asdict, dataclass, make_dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.errors import ArtifactError
+from marsedl.replication.pipeline.runner import record_type
 from marsedl.replication.records import fields, store
-from marsedl.replication.records.fields import Axis, quantity
-from marsedl.replication.records.store import load, save
+from marsedl.replication.records.differences import difference, digest
+from marsedl.replication.records.fields import Axis, quantities, quantity
+from marsedl.replication.records.store import load, provenance, save
 
 PROVENANCE = {
     "inputs": {"nominal": "ab" * 32, "data/table.csv": "cd" * 32},
@@ -81,17 +87,15 @@ def small():
     return Small(np.arange(50.0), np.linspace(2, 1, 50), "a")
 
 
-def put(path, artifact, paper="powered_descent", reading="corrected", provenance=PROVENANCE):
-    save(path, artifact, paper=paper, reading=reading, provenance=provenance)
+def put(path, artifact, paper="powered_descent", reading="corrected", made=PROVENANCE):
+    save(path, artifact, paper=paper, reading=reading, provenance=made)
     return path
 
 
-def same(a, b):
-    return asdict(a).keys() == asdict(b).keys() and all(
-        np.array_equal(x, y, equal_nan=np.asarray(x).dtype.kind == "f")
-        and np.asarray(x).dtype.kind == np.asarray(y).dtype.kind
-        for x, y in zip(asdict(a).values(), asdict(b).values(), strict=True)
-    )
+def elsewhere(program) -> int:
+    """Run a program with the names of this module in another process; returns its exit status."""
+    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from test_store import *"
+    return subprocess.run([sys.executable, "-c", f"{head}\n{program}"], check=False).returncode
 
 
 def leftovers(folder):
@@ -124,9 +128,6 @@ def test_an_axis_is_its_extent_and_names_its_components():
     assert MOTION.index("altitude") == 1
     assert MOTION.label("vertical_velocity") == "vertical velocity"
     assert Axis("state", **MOTION.units, mass="kg").names == (*MOTION.names, "mass")
-
-
-def test_a_component_that_there_is_not_is_refused_with_the_nearest():
     with pytest.raises(ArtifactError, match=r"axis 'motion' has no component 'altitud': did you mean 'altitude'\?"):
         MOTION.index("altitud")
 
@@ -139,16 +140,12 @@ def test_everything_comes_back(tmp_path, times):
     artifact = everything(times)
     path = put(tmp_path / "new/folders/all.h5", artifact)
     loaded = load(path, Everything, paper="powered_descent", reading="corrected")
-    assert same(artifact, loaded)
+    np.testing.assert_equal(vars(loaded), vars(artifact))
     assert loaded.counts.dtype == np.int64
     assert loaded.outcome.dtype == np.int8
     assert loaded.landed.dtype == np.bool_
-    assert [type(getattr(loaded, name)) for name in ("mass", "iterations", "converged", "status")] == [
-        float,
-        int,
-        bool,
-        str,
-    ]
+    scalars = (loaded.mass, loaded.iterations, loaded.converged, loaded.status)
+    assert [type(value) for value in scalars] == [float, int, bool, str]
     assert not any(array.flags.writeable for array in vars(loaded).values() if isinstance(array, np.ndarray))
     assert leftovers(path.parent) == []
 
@@ -157,21 +154,15 @@ def test_equal_content_gives_equal_bytes(tmp_path):
     first = put(tmp_path / "a/one.h5", everything(4000)).read_bytes()
     time.sleep(1.1)  # object times in HDF5 count in seconds
     reordered = dict(reversed(PROVENANCE.items()))
-    program = f"""
-        import sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_store import *
-        put(Path({str(tmp_path / "b/two.h5")!r}), everything(4000))
-        put(Path({str(tmp_path / "b/named.h5")!r}), named())
-    """
-    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
+    program = f"put(Path({str(tmp_path / 'b/two.h5')!r}), everything(4000))"
+    assert elsewhere(f"{program}; put(Path({str(tmp_path / 'b/named.h5')!r}), named())") == 0
     assert (tmp_path / "b/named.h5").read_bytes() == put(tmp_path / "named.h5", named()).read_bytes()
-    assert put(tmp_path / "three.h5", everything(4000), provenance=reordered).read_bytes() == first
+    assert put(tmp_path / "three.h5", everything(4000), made=reordered).read_bytes() == first
     assert (tmp_path / "b/two.h5").read_bytes() == first
 
 
 def test_provenance_comes_back(tmp_path):
-    actual = store.provenance(put(tmp_path / "a.h5", small()))
+    actual = provenance(put(tmp_path / "a.h5", small()))
     assert actual == PROVENANCE
     assert type(actual["solver"]["exact"]) is bool
 
@@ -288,17 +279,114 @@ def test_a_failed_write_names_the_file_and_leaves_the_old_one(tmp_path, monkeypa
 def test_a_kill_in_mid_write_does_no_harm(tmp_path):
     path = put(tmp_path / "a.h5", small())
     before = path.read_bytes()
-    program = f"""
-        import signal, sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_store import *
-        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        put(Path({str(path)!r}), replace(small(), label="new"))
-    """
-    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert process.returncode == -signal.SIGKILL
+    killed = "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)"
+    assert elsewhere(f"{killed}; put(Path({str(path)!r}), replace(small(), label='new'))") == -signal.SIGKILL
     assert path.read_bytes() == before
     assert len(leftovers(tmp_path)) == 1
     put(path, replace(small(), label="new"))
     assert load(path, Small).label == "new"
     assert leftovers(tmp_path) == []
+
+
+# ------------------------------------------------------------------------------------------------- refused when loading
+
+
+def refused(path: Path, kind=Small, paper="powered_descent", reading="corrected") -> str:
+    """The reason for which a file is not loaded as that kind."""
+    with pytest.raises(ArtifactError) as caught:
+        load(path, kind, paper=paper, reading=reading)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert message.endswith(": delete it and run snakemake again: it is rebuilt")
+    assert "\n" not in message
+    return message.removeprefix(f"{path}: ")
+
+
+@pytest.fixture
+def path(tmp_path):
+    return put(tmp_path / "a.h5", small())
+
+
+def test_a_truncated_file_is_refused(path):
+    whole = path.read_bytes()
+    for length in [*range(0, len(whole), len(whole) // 20), *range(len(whole) - 50, len(whole), 5)]:
+        path.write_bytes(whole[:length])
+        assert "is truncated or damaged, or was edited with other tools after it was written" in refused(path)
+
+
+def test_flipped_bits_are_refused(path):
+    whole, random = path.read_bytes(), np.random.default_rng(1)
+    for place in [*random.integers(0, len(whole), 30).tolist(), len(whole) - 1]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(damaged)
+        refused(path)
+
+
+def test_hdf5_never_sees_a_damaged_file(path, monkeypatch):
+    """It can crash on one."""
+    path.write_bytes(path.read_bytes()[:-1])
+    monkeypatch.setattr(h5py, "File", None)
+    for read in (digest, provenance, lambda path: difference(path, path)):
+        with pytest.raises(ArtifactError, match=r"a\.h5: is truncated or damaged"):
+            read(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(ArtifactError, match=r"none\.h5: the file does not exist: run snakemake to build it"):
+        load(tmp_path / "none.h5", Small)
+    with pytest.raises(ArtifactError, match="the file does not exist"):
+        load(tmp_path, Small)
+
+
+def test_another_format_of_the_file_is_refused(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = 0
+    path.write_bytes(store.seal(path.read_bytes()))
+    assert "was written by another version, whose fields differ from today's" in refused(path)
+
+
+@pytest.mark.parametrize(
+    "mass",
+    [
+        ("mass", quantity("g", ("time",), "mass")),
+        ("mass", quantity("kg", (50,), "mass")),
+        ("mass", quantity("kg", ("time",), "mass", np.int64)),
+        ("weight", quantity("kg", ("time",), "mass")),
+    ],
+)
+def test_other_fields_than_todays_are_refused(path, mass):
+    time, label = (quantity("s", ("time",), "time"), quantity("1", (), "a label", "str"))
+    today = make_dataclass("Small", [("time", np.ndarray, time), (mass[0], np.ndarray, mass[1]), ("label", str, label)])
+    assert "was written by another version" in refused(path, today)
+    assert ("it lacks weight" in refused(path, today)) == (mass[0] == "weight")
+
+
+def made_up(kind):
+    """An artifact with numbers of the right types, four along every named dimension."""
+    of_type = {
+        "float64": lambda n: np.linspace(1.0, 2.0, n),
+        "int64": np.arange,
+        "int8": lambda n: (np.arange(n) % 100).astype("int8"),
+        "bool": lambda n: np.arange(n) % 2 == 0,
+        "str": lambda n: np.array([f"word {i}" for i in range(n)]),
+    }
+    values = {}
+    for name, declared in quantities(kind).items():
+        shape = tuple(4 if isinstance(extent, str) else extent for extent in declared.dims)
+        values[name] = of_type[declared.dtype](int(np.prod(shape))).reshape(shape)
+    return kind(**values)
+
+
+def test_every_kind_of_every_paper_comes_back_and_is_taken_for_no_other(tmp_path):
+    kinds = {(slug, record_type(s.entries)): None for slug in SLUGS for s in catalogue(slug).stages.values()}
+    assert len(kinds) >= 40
+    before = Small
+    for number, (slug, kind) in enumerate(kinds):
+        path = put(tmp_path / f"{number}.h5", made_up(kind), slug)
+        np.testing.assert_equal(vars(load(path, kind, paper=slug, reading="corrected")), vars(made_up(kind)))
+        if before.__name__ != kind.__name__:
+            assert f"is of the artifact {kind.__name__!r}, not {before.__name__!r}" in refused(path, before, slug)
+        assert f"is of the paper {slug!r}, not 'another'" in refused(path, kind, "another")
+        assert "is of the reading 'corrected', not 'printed'" in refused(path, kind, slug, "printed")
+        before = kind

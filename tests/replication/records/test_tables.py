@@ -181,12 +181,8 @@ def test_fields_that_cannot_be_a_column_are_refused(fields, says):
 
 
 def claim(name, printed, unit, /, **readings):
-    results = {
-        reading: Result(
-            **dict(zip(("value", "standard_error", "verdict", "trials", "components"), result, strict=False))
-        )
-        for reading, result in readings.items()
-    }
+    names = ("value", "standard_error", "verdict", "trials", "components")
+    results = {reading: Result(**dict(zip(names, result, strict=False))) for reading, result in readings.items()}
     judged = {"kind": "deterministic", "verdict": "differs", "reading": "corrected"}
     return Claim(paper="p", id=name, printed=printed, unit=unit, readings=results, **judged)
 
@@ -204,6 +200,10 @@ def test_claims_are_a_long_table():
         ]
     )
     back = pd.read_csv(io.StringIO(csv_text(data)))
+    assert [*back] == [
+        *("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict"),
+        *("trials", "unit"),
+    ]
     numbers = dict.fromkeys(("value", "standard_error", "printed", "trials"), "float64")
     assert dict(back.dtypes.astype(str)) == {**dict.fromkeys(back.columns, "str"), **numbers}
     rows = [tuple(row) for row in back.astype(object).where(back.notna(), None).itertuples(index=False)]

@@ -47,28 +47,19 @@ def sources(**values):
 
 
 BASE = sources(slope=0.5, angle=0.0, form="plain")
+SLOPE = {"input": "toy.slope", "between": [0.0, 1.0], "source": "assumed: any"}
+
+
+def sets(name, value, source):
+    return {"toy": {name: {"value": value, "source": source}}}
+
+
+ANGLES = {"printed": sets("angle_deg", 180.0, "Eq. 1"), "corrected": sets("angle_deg", 0.0, "Eq. 2")}
+FORMS = {"plain": sets("form", "plain", "Eq. 3"), "odd": sets("form", "odd", "assumed: a misprint")}
 WRITTEN = {
-    "slope": {
-        "asks": "Which slope?",
-        "because": "withheld",
-        "range": {"input": "toy.slope", "between": [0.0, 1.0], "source": "assumed: any"},
-    },
-    "angle": {
-        "asks": "Which angle?",
-        "because": "E1",
-        "values": {
-            "printed": {"toy": {"angle_deg": {"value": 180.0, "source": "Eq. 1"}}},
-            "corrected": {"toy": {"angle_deg": {"value": 0.0, "source": "Eq. 2"}}},
-        },
-    },
-    "form": {
-        "asks": "Which form?",
-        "because": "misprint",
-        "values": {
-            "plain": {"toy": {"form": {"value": "plain", "source": "Eq. 3"}}},
-            "odd": {"toy": {"form": {"value": "odd", "source": "assumed: a misprint"}}},
-        },
-    },
+    "slope": {"asks": "Which slope?", "because": "withheld", "range": SLOPE},
+    "angle": {"asks": "Which angle?", "because": "E1", "values": ANGLES},
+    "form": {"asks": "Which form?", "because": "misprint", "values": FORMS},
 }
 
 
@@ -82,9 +73,9 @@ def choices_of(written):
 
 
 CHOICES = choices_of(WRITTEN)
-TOY = {"paper": "toy", "where": "Eq. 1", "quantity": "a number", "unit": "1"}
-NUMBER = {**TOY, "kind": "deterministic", "resolution": 0.1}
-STATEMENT = {**TOY, "kind": "qualitative", "printed": True}
+PRINTED = {"paper": "toy", "where": "Eq. 1", "quantity": "a number", "unit": "1"}
+NUMBER = PRINTED | {"kind": "deterministic", "resolution": 0.1}
+STATEMENT = PRINTED | {"kind": "qualitative", "printed": True}
 PUBLISHED = [
     PublishedClaim(id="line", printed=0.8, headline=1, **NUMBER),  # slope cos(angle): true for slopes from 0.75 to 0.85
     PublishedClaim(id="upwards", headline=2, **STATEMENT),  # angle is zero
@@ -132,11 +123,11 @@ def judge():
 
 def test_what_is_robust_what_depends_and_what_never_holds(judge):
     stands = {one.id: judge.judged(one.id) for one in PUBLISHED}
-    assert stands["constant"].stands == "robust"
-    assert all(one.stands == "depends" for name, one in stands.items() if name != "constant")
+    expected = dict.fromkeys(stands, "depends") | {"constant": "robust"}
+    assert {name: one.stands for name, one in stands.items()} == expected
     assert stands["upwards"].on == ("angle",)
     assert stands["is_odd"].on == ("form",), "the misprint turns it, though no space-filling universe has it"
-    assert stands["line"].on == ("slope", "angle") or stands["line"].on == ("angle", "slope")
+    assert sorted(stands["line"].on) == ["angle", "slope"]
 
 
 def test_effects_of_each_value_by_itself(judge):
@@ -246,19 +237,21 @@ def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
     verdicts = small.verdict.copy()
     verdicts[1, 3] = 0
     assert changed(large, replace(small, verdict=verdicts)) == {1001: "has another verdict on constant"}
-    for path, one, world in (
-        (tmp_path / "report/universes/toy.h5", small, "a"),
-        (tmp_path / "report/universes/waves/toy.h5", large, "a"),
-        (tmp_path / "report/universes/waves/old.h5", large, "b"),
-        (tmp_path / "report/universes/old.h5", small, "a"),
+    folder = tmp_path / "report/universes"
+    for name, one, world in (
+        ("toy", small, "a"),
+        ("waves/toy", large, "a"),
+        ("waves/old", large, "b"),
+        ("old", small, "a"),
     ):
+        path = folder / f"{name}.h5"
         store.save(path, one, paper=path.stem, reading="universes", provenance={"world": world})
     root = tmp_path / "root"
     assert accept_universes(root, tmp_path, ["toy", "old", "none"]) == [root / "data/reference/universes/toy.h5"]
     assert compare_universes(root, tmp_path, ["toy", "none"])
     assert "4 universes compared with 16 committed, 0 differ" in capsys.readouterr().out
     moved = replace(small, value=small.value + other)
-    store.save(tmp_path / "report/universes/toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
+    store.save(folder / "toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
     assert not compare_universes(root, tmp_path, ["toy"])
 
 
@@ -311,7 +304,9 @@ def test_the_papers_own_sampling_error_counts_by_our_trials():
     assert deviation == pytest.approx(math.hypot(0.01 * math.sqrt(1 + 3000 / 1000), 0.05 / 3)), "3,000 of ours"
 
 
-def test_a_longer_design_begins_with_the_shorter_one():
+def test_corrected_comes_first_and_a_longer_design_begins_with_the_shorter_one():
+    single = one_at_a_time(CHOICES)
+    assert single[0] == Universe(0, "one_at_a_time", {}) and [one.number for one in single] == [0, 1, 2, 3, 4]
     short, long = space_filling(CHOICES, 16), space_filling(CHOICES, 64)
     assert long[:16] == short
     slopes = [one.assignment.get("slope", 0.5) for one in long]
@@ -322,18 +317,17 @@ def test_a_longer_design_begins_with_the_shorter_one():
 def test_any_chunks_give_the_same_table():
     universes = [*one_at_a_time(CHOICES), *space_filling(CHOICES, 8)]
     whole, parts = table(universes), gathered([table(universes[k::3]) for k in range(3)])
-    for name in ("number", "assignment", "value", "verdict", "sentence"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
+    assert store.content_digest(whole) == store.content_digest(parts)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"angle": {**WRITTEN["angle"], "only_if": {"forms": ["odd"]}}}, "did you mean 'form'?"),
-        ({"slope": {**WRITTEN["slope"], "range": {**WRITTEN["slope"]["range"], "input": "toy.slop"}}}, "'toy.slope'?"),
+        ({"slope": {**WRITTEN["slope"], "range": {**SLOPE, "input": "toy.slop"}}}, "'toy.slope'?"),
         ({"slope": {"asks": "?", "because": "withheld"}}, "give either 'values' or 'range'"),
         ({"slope": {**WRITTEN["slope"], "because": "a guess"}}, "slope.because"),
-        ({"again": {**WRITTEN["slope"]}}, "toy.slope is set by the choice 'slope' too"),
+        ({"again": WRITTEN["slope"]}, "toy.slope is set by the choice 'slope' too"),
     ],
 )
 def test_a_choice_that_is_written_wrongly_is_rejected(change, message):
@@ -351,8 +345,3 @@ def test_an_assignment_names_known_choices_and_values():
         CHOICES.applied(BASE, {"slope": 1.5})
     assert CHOICES.by_name["angle"].printed == "printed" and CHOICES.by_name["angle"].corrected == "corrected"
     assert CHOICES.applied(BASE, {"angle": "printed"})["toy.angle"].value == pytest.approx(math.pi)
-
-
-def test_a_universe_is_numbered_and_corrected_comes_first():
-    universes = one_at_a_time(CHOICES)
-    assert universes[0] == Universe(0, "one_at_a_time", {}) and [one.number for one in universes] == [0, 1, 2, 3, 4]
