@@ -29,6 +29,7 @@ include: "workflow/rules/report.smk"
 
 
 onstart:
+    say_why()
     if SIZE != "full":
         print(f"size {SIZE}: everything is written to build/{SIZE}", file=sys.stderr)
     # For its limit of submissions a second, Snakemake looks for free jobs again a second after every look, so that some

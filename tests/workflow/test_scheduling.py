@@ -11,7 +11,7 @@ pytestmark = pytest.mark.workflow
 
 JOBS = 10
 RULES = f"""
-SIZE = "full"
+SIZE, say_why = "full", str
 
 rule all:
     input: [f"made/{{number}}" for number in range({JOBS})]

@@ -1,4 +1,5 @@
 # The configuration, validated before any job is planned, and the functions that the rules are written with.
+import atexit
 import os
 import sys
 import time
@@ -14,7 +15,7 @@ from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.report.files import HEADLINE, site_files, universe_pictures
 from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.pipeline.staleness import BENCHMARKS, Recipes
+from marsedl.replication.pipeline.staleness import ARTIFACTS, BENCHMARKS, Recipes
 from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(workflow.current_basedir).parents[1]
@@ -62,6 +63,15 @@ RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
 SHARED = RECIPES.shared
 # Newer than every product, for the jobs whose products are stale: Snakemake's own records may be lost.
 CHANGED = Path(".cache/changed")
+STALE = {}  # artifacts that are not up to date for a reason of their own, by the reason
+
+
+@atexit.register  # of a dry run, which does not start
+def say_why():
+    """Say once what is made again, and why."""
+    for why, artifacts in STALE.items():
+        print(f"not up to date, {why.partition(': ')[2]}: {', '.join(artifacts)}", file=sys.stderr)
+    STALE.clear()
 
 
 def source(path):
@@ -84,7 +94,10 @@ def inputs(*products, files=True):
     def taken(wildcards):
         paths = [filled(product, wildcards) for product in products]
         job = RECIPES.job(paths[0])
-        stale = any(RECIPES.is_stale(path, Path()) for path in paths)
+        stale = [(path, why) for path in paths if (why := RECIPES.why_stale(path, Path()))]
+        for path, why in stale:
+            if path.startswith(ARTIFACTS) and "else: another" not in why:
+                STALE.setdefault(why, []).append(path)
         if stale or not CHANGED.exists():
             CHANGED.parent.mkdir(parents=True, exist_ok=True)
             CHANGED.write_text(f"{time.time_ns()}\n")
@@ -101,7 +114,7 @@ def inputs(*products, files=True):
 
 
 def made(product, recorded=True):
-    """What a job is given beside files, and where it records that: an edit of it makes Snakemake run the job again."""
+    """What a job is given beside files, and where it records what its products are made from."""
 
     def given(wildcards):
         path = filled(product, wildcards)

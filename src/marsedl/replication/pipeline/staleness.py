@@ -278,12 +278,12 @@ class Recipes:
         recorded = (folder / name).read_text(encoding="utf-8").strip()
         return "" if recorded == digest else "was made from other inputs or code"
 
-    def is_stale(self, path: str, folder: Path) -> bool:
-        """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
+    def why_stale(self, path: str, folder: Path) -> str:
+        """Say why a product that is there is not what would be made now; a damaged one speaks for itself when read."""
         try:
-            return (folder / path).exists() and bool(self.reason(path, folder))
+            return self.reason(path, folder) if (folder / path).exists() else ""
         except ArtifactError:
-            return False
+            return ""
 
     def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:
         """Yield products with all that they are made from, nothing before what it needs."""
