@@ -70,7 +70,7 @@ def test_who_shares_with_an_edited_reading_keeps_its_results(small, tmp_path):
     path, figure = tmp_path / "mine.yaml", f"figures/{GLIDE}/mine/fig01.png"
     noise = "noise_density: {value: 0.05, source: 'assumed: as corrected'}"
     path.write_text(f"{GLIDE}: {{readings: {{mine: {{based_on: corrected, design: {{{noise}}}}}}}}}", encoding="utf-8")
-    # All of it is that of `corrected`,
+    # All of it is that of `corrected`, until that one changes.
     refused = small.run(f"{CACHE}/mine/gains.h5", figure, configfile=path)
     assert refused.returncode != 0
     assert f"{CACHE}/mine/gains.h5 is not built: the reading shares {CACHE}/corrected/gains.h5" in refused.stdout
@@ -79,11 +79,11 @@ def test_who_shares_with_an_edited_reading_keeps_its_results(small, tmp_path):
     picture, digests = small.path(figure).read_bytes(), small.digests()
     stages = ("gains", "montecarlo.closed_loop")
     shared = {name: datasets(small.path(f"{CACHE}/corrected/{name}.h5")) for name in stages}
-    # until that one changes.
     base = "    based_on: printed\n"
     own = base + '    design: {noise_density: {value: 0.07, source: "assumed: test"}}\n'
     small.edit(f"configs/{GLIDE}.yaml", base, own)
-    small.works(figure, f"figures/{GLIDE}/fig01.png", configfile=path)
+    said = small.works(figure, f"figures/{GLIDE}/fig01.png", configfile=path)
+    assert "not up to date (design.noise_density is 0.05, not 0.07): " in said
     assert small.path(figure).read_bytes() == picture
     after = small.digests()
     for name in stages:

@@ -70,7 +70,7 @@ STALE = {}  # artifacts that are not up to date for a reason of their own, by th
 def say_why():
     """Say once what is made again, and why."""
     for why, artifacts in STALE.items():
-        print(f"not up to date, {why.partition(': ')[2]}: {', '.join(artifacts)}", file=sys.stderr)
+        print(f"not up to date ({why}): {', '.join(artifacts)}", file=sys.stderr)
     STALE.clear()
 
 
@@ -96,8 +96,9 @@ def inputs(*products, files=True):
         job = RECIPES.job(paths[0])
         stale = [(path, why) for path in paths if (why := RECIPES.why_stale(path, Path()))]
         for path, why in stale:
-            if path.startswith(ARTIFACTS) and "else: another" not in why:
-                STALE.setdefault(why, []).append(path)
+            own = why.partition(": ")[2].partition("another ")[0].rstrip("; ")  # not that another artifact is stale
+            if path.startswith(ARTIFACTS) and own:
+                STALE.setdefault(own, []).append(path)
         if stale or not CHANGED.exists():
             CHANGED.parent.mkdir(parents=True, exist_ok=True)
             CHANGED.write_text(f"{time.time_ns()}\n")
