@@ -8,6 +8,7 @@ from statistics import mean
 import pytest
 
 from marsedl.papers import SLUGS
+from marsedl.replication.checks.twice import copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
 LINES = {
@@ -45,6 +46,7 @@ def test_lines_of_a_function(pattern):
 
 
 @pytest.mark.workflow
-def test_jobs(project):
-    process = project.run("all", "--dry-run", "--quiet", "host")
+def test_jobs(tmp_path):
+    words = "all --dry-run --quiet host --cores 2 --config size=smoke".split()
+    process = snakemake(copy_tree(ROOT, tmp_path / "project"), *words)
     assert int(re.search(r"^total +(\d+)$", process.stdout, re.MULTILINE)[1]) <= JOBS

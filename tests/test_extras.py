@@ -73,7 +73,7 @@ def test_every_module_of_the_library_imports_with_what_it_requires_alone():
 
 def test_the_command_says_in_one_line_what_is_missing():
     _, error = library_alone("import sys; from marsedl.cli import main; sys.exit(main(['list']))")
-    assert error == "marsedl: pydantic is not installed; run: pip install 'marsedl[pipeline]'"
+    assert error == "marsedl: yaml is not installed; run: pip install 'marsedl[pipeline]'"
 
 
 def test_every_package_that_the_source_imports_is_required_or_comes_with_an_extra():

@@ -70,7 +70,6 @@ def test_who_shares_with_an_edited_reading_keeps_its_results(small, tmp_path):
     path, figure = tmp_path / "mine.yaml", f"figures/{GLIDE}/mine/fig01.png"
     noise = "noise_density: {value: 0.05, source: 'assumed: as corrected'}"
     path.write_text(f"{GLIDE}: {{readings: {{mine: {{based_on: corrected, design: {{{noise}}}}}}}}}", encoding="utf-8")
-    # All of it is that of `corrected`, until that one changes.
     refused = small.run(f"{CACHE}/mine/gains.h5", figure, configfile=path)
     assert refused.returncode != 0
     assert f"{CACHE}/mine/gains.h5 is not built: the reading shares {CACHE}/corrected/gains.h5" in refused.stdout

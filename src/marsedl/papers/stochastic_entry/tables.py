@@ -152,9 +152,9 @@ def tab04(
                     spread = percentile_spread(sample, level, size)[1]
                 except ValueError:  # too few trials for two sets
                     spread = None
-                cell = claim.model_copy(update={"printed": printed, "resolution": resolution})
-                margin = judge(cell, Evaluation(value, error, finite_count(ensemble))).margin
-                beyond = margin and np.copysign(max(abs(margin.value) - 0.5 * resolution, 0.0), margin.value)
+                count, difference = finite_count(ensemble), value - printed
+                combined = np.hypot(error, np.sqrt(count / claim.trials) * error)  # with the paper's own
+                beyond = np.copysign(max(abs(difference) - 0.5 * resolution, 0.0), difference)
                 rows.append(
                     (
                         name.replace("gamma", "flight path angle"),
@@ -166,8 +166,8 @@ def tab04(
                         spread,
                         value,
                         error,
-                        beyond / margin.standard_error if margin and margin.standard_error else None,
-                        finite_count(ensemble),
+                        beyond / combined if combined > 0.0 and np.isfinite(beyond) else None,
+                        count,
                     )
                 )
     first, whole = f"first {size:,} trials", "all trials"
