@@ -153,7 +153,7 @@ def tab04(
                 except ValueError:  # too few trials for two sets
                     spread = None
                 count, difference = finite_count(ensemble), value - printed
-                combined = np.hypot(error, np.sqrt(count / claim.trials) * error)  # with the paper's own
+                combined = np.hypot(error, np.sqrt(count / claim.trials) * error) if claim.trials else 0.0
                 beyond = np.copysign(max(abs(difference) - 0.5 * resolution, 0.0), difference)
                 rows.append(
                     (
