@@ -300,7 +300,7 @@ def _compare(options) -> None:
 
     def is_stale(picture: Path) -> bool:
         product = picture.relative_to(project.folder).as_posix() if picture.is_relative_to(figures) else ""
-        return bool(product) and bool(project.recipes.why_stale(product, project.folder))
+        return bool(product) and project.recipes.is_stale(product, project.folder)
 
     absent = compare.write_page(path, paper, difference, published, is_stale)
     print(f"wrote {path}", file=sys.stderr)

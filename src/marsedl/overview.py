@@ -38,10 +38,9 @@ def there(root: Path, slug: str) -> str:
     from marsedl.replication.inputs.yaml_file import read_yaml
     from marsedl.replication.pipeline.declarations import stage_entries
 
-    package, sources = import_module(f"marsedl.papers.{slug}"), fingerprints_of()
+    package, stages = import_module(f"marsedl.papers.{slug}"), stage_entries(slug, fingerprints_of())
     config, printed = read_yaml(root / f"configs/{slug}.yaml"), read_yaml(root / f"data/published/{slug}.yaml")
-    texts, stages = read_yaml(Path(package.__file__).with_name(TEXTS)), stage_entries(slug, sources)
-    sources.save()  # for the next command
+    texts = read_yaml(Path(package.__file__).with_name(TEXTS))
     items = {
         "readings": config["readings"],
         "figures": texts["figures"] or (),

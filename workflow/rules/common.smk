@@ -7,8 +7,7 @@ import time
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
-from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
@@ -94,11 +93,10 @@ def inputs(*products, files=True):
     def taken(wildcards):
         paths = [filled(product, wildcards) for product in products]
         job = RECIPES.job(paths[0])
-        stale = [(path, why) for path in paths if (why := RECIPES.why_stale(path, Path()))]
-        for path, why in stale:
-            own = why.partition(": ")[2].partition("another ")[0].rstrip("; ")  # not that another artifact is stale
-            if path.startswith(ARTIFACTS) and own:
-                STALE.setdefault(own, []).append(path)
+        stale = [path for path in paths if RECIPES.is_stale(path, Path())]
+        for path in stale:
+            if path.startswith(ARTIFACTS) and (why := RECIPES.own_changes(path, Path())):
+                STALE.setdefault(why, []).append(path)
         if stale or not CHANGED.exists():
             CHANGED.parent.mkdir(parents=True, exist_ok=True)
             CHANGED.write_text(f"{time.time_ns()}\n")

@@ -152,9 +152,10 @@ def tab04(
                     spread = percentile_spread(sample, level, size)[1]
                 except ValueError:  # too few trials for two sets
                     spread = None
-                count, difference = finite_count(ensemble), value - printed
-                combined = np.hypot(error, np.sqrt(count / claim.trials) * error) if claim.trials else 0.0
-                beyond = np.copysign(max(abs(difference) - 0.5 * resolution, 0.0), difference)
+                cell = claim.model_copy(update={"printed": printed, "resolution": resolution})
+                margin = judge(cell, Evaluation(value, error, finite_count(ensemble))).margin
+                sampled = margin and margin.value is not None and margin.standard_error
+                beyond = sampled and np.copysign(max(abs(margin.value) - 0.5 * resolution, 0.0), margin.value)
                 rows.append(
                     (
                         name.replace("gamma", "flight path angle"),
@@ -166,8 +167,8 @@ def tab04(
                         spread,
                         value,
                         error,
-                        beyond / combined if combined > 0.0 and np.isfinite(beyond) else None,
-                        count,
+                        beyond / sampled if sampled else None,
+                        finite_count(ensemble),
                     )
                 )
     first, whole = f"first {size:,} trials", "all trials"

@@ -278,12 +278,18 @@ class Recipes:
         recorded = (folder / name).read_text(encoding="utf-8").strip()
         return "" if recorded == digest else "was made from other inputs or code"
 
-    def why_stale(self, path: str, folder: Path) -> str:
-        """Say why a product that is there is not what would be made now; a damaged one speaks for itself when read."""
+    def is_stale(self, path: str, folder: Path) -> bool:
+        """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
         try:
-            return self.reason(path, folder) if (folder / path).exists() else ""
+            return (folder / path).exists() and bool(self.reason(path, folder))
         except ArtifactError:
-            return ""
+            return False
+
+    def own_changes(self, path: str, folder: Path) -> str:
+        """Say what has changed since an artifact was made, but for the artifacts that it needs."""
+        from marsedl.replication.records.store import provenance
+
+        return "; ".join(recipe_changes(provenance(folder / path), {**self.job(path).own, "needs": {}}))
 
     def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:
         """Yield products with all that they are made from, nothing before what it needs."""
