@@ -12,8 +12,8 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
 LINES = {
-    "src/marsedl": 50_303,
-    "src/marsedl/papers": 21_767,  # the refusal of an unknown paper; a deviation that may be infinite
+    "src/marsedl": 50_302,
+    "src/marsedl/papers": 21_766,  # the refusal of an unknown paper stands here, once
     "src/marsedl/methods": 9_821,  # a path over a weight may leave its branch without trying again
     "src/marsedl/models": 2_275,  # look-ups of flights in tables, which two papers had each
     "src/marsedl/montecarlo": 2_446,  # the engine that four papers and users fly by

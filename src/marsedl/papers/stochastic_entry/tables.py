@@ -154,8 +154,7 @@ def tab04(
                     spread = None
                 cell = claim.model_copy(update={"printed": printed, "resolution": resolution})
                 margin = judge(cell, Evaluation(value, error, finite_count(ensemble))).margin
-                sampled = margin and margin.value is not None and margin.standard_error
-                beyond = sampled and np.copysign(max(abs(margin.value) - 0.5 * resolution, 0.0), margin.value)
+                scale = margin and margin.standard_error  # 0 of what is not finite
                 rows.append(
                     (
                         name.replace("gamma", "flight path angle"),
@@ -167,7 +166,9 @@ def tab04(
                         spread,
                         value,
                         error,
-                        beyond / sampled if sampled else None,
+                        np.copysign(max(abs(margin.value) - resolution / 2, 0.0), margin.value) / scale
+                        if scale
+                        else None,
                         finite_count(ensemble),
                     )
                 )
