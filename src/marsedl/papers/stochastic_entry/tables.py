@@ -166,9 +166,7 @@ def tab04(
                         spread,
                         value,
                         error,
-                        np.copysign(max(abs(margin.value) - resolution / 2, 0.0), margin.value) / scale
-                        if scale
-                        else None,
+                        np.sign(margin.value) * max(abs(margin.value) - resolution / 2, 0.0) / scale if scale else None,
                         finite_count(ensemble),
                     )
                 )
