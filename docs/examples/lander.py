@@ -33,7 +33,9 @@ for row, command in enumerate(("thrust_downrange", "thrust_vertical")):
         columns[f"{command}_per_{state}"] = -mass * steering.gain[:, row, place]
 
 flights = fly(
-    Lander(largest_thrust=LARGEST * MASS, specific_impulse=ISP, thrust_noise=NOISE * MASS, gravity=GRAVITY),
+    Lander(
+        largest_thrust=LARGEST * MASS, specific_impulse=ISP, thrust_noise=NOISE * MASS, gravity=GRAVITY, ground=None
+    ),
     {STATES: MultivariateNormal(start, spread), "mass": MASS},
     law=GainTable(columns, against="time"),
     end_time=30.0,

@@ -7,6 +7,8 @@ entry point `numba_extensions`.
 
 import sys
 from collections.abc import Callable
+from itertools import count
+from secrets import randbits
 
 _WAITING = []
 
@@ -21,7 +23,14 @@ def jitable(function: Callable) -> Callable:
 
 
 def register_waiting() -> None:
-    """Tell numba of the functions that were defined before it was imported."""
+    """Tell numba of the functions that were defined before it was imported, and let it name symbols of this process.
+
+    Numba numbers functions that are not inlined from 1 on in every process. Of two versions of a helper, which two
+    processes compiled and cached in their kernels, a third process would call the first for both.
+    """
+    from numba.core.bytecode import FunctionIdentity
+
+    FunctionIdentity._unique_ids = count(randbits(60))
     while _WAITING:
         _register(_WAITING.pop())
 
@@ -30,3 +39,32 @@ def _register(function: Callable) -> None:
     from numba.extending import register_jitable
 
     register_jitable(function)
+
+
+_KNOWN = {}  # functions that kernels call, and the digest of what they reached when they were compiled
+
+
+def renew(function: Callable, digest: str) -> None:
+    """Let numba compile a function that kernels call again, if what it reaches is not what it was.
+
+    Numba keeps what it has once compiled, with the numbers that the function read then. A plain function is registered.
+
+    Args:
+        function: plain, or compiled by numba. digest: of all that it reaches.
+    """
+    from numba.core.caching import NullCache
+    from numba.core.registry import cpu_target
+
+    if _KNOWN.get(function) == digest:
+        return
+    _KNOWN[function] = digest
+    if hasattr(function, "targetoptions"):
+        function._reset_overloads()
+        function._cache = NullCache()
+        return
+    cpu_target.typing_context.refresh()
+    known = cpu_target.typing_context._lookup_global(function)
+    if known is None:
+        _register(function)
+    for template in getattr(known, "templates", ()):
+        getattr(template, "_impl_cache", {}).clear()

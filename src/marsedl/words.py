@@ -3,6 +3,12 @@
 from collections.abc import Callable, Iterable
 
 
+def require(condition, sentence: str) -> None:
+    """Raise ValueError with this sentence unless the condition holds."""
+    if not condition:
+        raise ValueError(sentence)
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
     valid = sorted(set(valid))
@@ -20,6 +26,11 @@ def _meant(name, valid):
 
     matches = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) <= 100 else []
     return f"did you mean '{matches[0]}'?" if matches else ""
+
+
+def missing(error: ModuleNotFoundError, extra: str) -> ModuleNotFoundError:
+    """Return the error of a package that is not installed, in one sentence with the extra that brings it."""
+    return ModuleNotFoundError(f"{error.name} is not installed; run: pip install 'marsedl[{extra}]'", name=error.name)
 
 
 def described(function: Callable) -> str:

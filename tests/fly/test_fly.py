@@ -1,5 +1,7 @@
 """The front door of flights, against closed forms and other integrators, and what it tells of mistakes."""
 
+import pickle
+import re
 import subprocess
 import sys
 from functools import partial
@@ -27,6 +29,7 @@ from marsedl.fly import (
     Uniform,
     fly,
 )
+from marsedl.fly.campaign import Campaign, _fly_chunk
 from marsedl.fly.flights import order_interval
 from marsedl.models.dynamics.entry import entry_rates
 
@@ -268,7 +271,7 @@ def test_arrays_are_labelled(flights):
     data = flights.to_xarray()
     assert data["max_load"].attrs == {
         "units": "m/s^2",
-        "long_name": "largest aerodynamic acceleration at the start of a step",
+        "long_name": "largest aerodynamic acceleration at the start of a step or the end",
     }
     assert (data["range"].values == flights.final["range"]).all()
     assert flights.to_pandas().loc[7, "altitude"] == flights.final["altitude"][7]
@@ -280,6 +283,10 @@ def test_arrays_are_labelled(flights):
 
 
 # ---- what is told ----------------------------------------------------------------------------------------------------
+
+
+class Bank(NamedTuple):
+    bank: float
 
 
 def forgot(velocity):
@@ -300,6 +307,26 @@ def misspells(sensed):
 
 def short(sensed, memory) -> tuple[Gains, Gains]:
     return Gains()
+
+
+def in_degrees(velocity):
+    return Bank(70.0)
+
+
+def remembers(velocity, memory) -> Bank:
+    return Bank(0.3)
+
+
+def noisy(velocity):
+    return 1.2 + 0.1 * np.random.normal()  # noqa: NPY002
+
+
+def recorded(velocity):
+    RECORD.append(velocity)
+    return 0.3
+
+
+RECORD = []
 
 
 MISTAKES = [
@@ -329,6 +356,7 @@ MISTAKES = [
     (START, {"law": asks_for_more}, r"asks_for_more \(.*line \d+\) asks for 'speed', of which it is not told"),
     (START, {"law": needs_parameters}, r"asks for 'law', its parameters: give them as partial\(needs_parameters, law="),
     (START, {"law": "apollo"}, r"law 'apollo' is none: give a function"),
+    (START, {"law": partial(in_degrees, 5500.0)}, r"is none: give a function, partial\(function, law=parameters"),
     (START, {"law": (1.0, 2.0)}, r"a constant command is 1 numbers: bank"),
     (START, {"law": forgot}, r"forgot \(.*line \d+\) returned None; it must return bank"),
     (START, {"law": short}, r"short \(.*line \d+\) returned Gains\(gain=0.1\); it must return Gains and Gains"),
@@ -337,6 +365,14 @@ MISTAKES = [
         {"law": misspells},
         r"misspells \(.*line \d+\) asks for sensed.speed, of which it is not told",
     ),
+    (
+        START,
+        {"law": in_degrees},
+        r"the law commands 70 at the start of trial 0: bank is 70 rad, more than a turn; give it in radians",
+    ),
+    (START, {"law": remembers}, r"remembers .* asks for 'memory': annotate it, `-> tuple\[Command, Memory\]`"),
+    (START, {"law": noisy}, r"noisy .* reads np.random, whose answers belong to no trial"),
+    (START, {"law": recorded}, r"recorded .* reads RECORD, a list whose changes a compiled flight does not see"),
     (START, {"law": 57.0}, r"law 57.0: bank is 57 rad, more than a turn; give it in radians"),
     (START, {"law": GainTable({"speed": [0, 1], "bank": [0, 1]}, "speed")}, r"the law is not told 'speed'"),
     (START, {"law": GainTable({"velocity": [0, 1], "bnk": [0, 1]})}, r"column 'bnk' is unknown; did you mean 'bank'"),
@@ -384,6 +420,155 @@ def test_mistakes_elsewhere_are_told_in_one_sentence(tmp_path, flights):
             call()
 
 
+class Whole(NamedTuple):
+    n: int = 10
+    power: int = 1
+    push: float = 0.0
+
+
+def whole(sensed, law: Whole = Whole()):  # noqa: B008
+    return 0.1 * scaled(law.n**law.power) + law.push * (1e9 if sensed.speed > -1e9 else 0.0)
+
+
+def scaled(number):
+    return BESIDE * number
+
+
+BESIDE = 1.0
+
+
+def test_a_law_that_is_another_one_compiled_or_reads_other_numbers_than_before_is_refused(monkeypatch):
+    """The helper of the law is plain; one kernel serves all."""
+    start = DROP | {"trigger": None, "end_time": 5.0}
+    flown = fly(PROBE, law=whole, trials=2, **start)
+    assert flown.replay(1, in_python=True).final == {name: values[1] for name, values in flown.final.items()}
+    for law in (Whole(power=-1), Whole(power=30)):  # a fraction, and more than 64 bits
+        with pytest.raises(
+            ValueError, match=r"the law commands .* at the start of trial 0 in Python, compiled .*floats"
+        ):
+            fly(PROBE, law=partial(whole, law=law), trials=2, **start)
+    with pytest.warns(UserWarning, match=r"the law commands nan at the start of trial 0: up must be finite"):
+        fly(PROBE, law=partial(whole, law=Whole(push=np.nan)), trials=2, **start)
+    array = np.array([1.0])
+    kept = Campaign(PROBE, start["start"], partial(whole, law=array), None, 5.0, 1.0, 4, None, 0)
+    monkeypatch.setattr(sys.modules[__name__], "BESIDE", 2.0)
+    array[0] = 2.0
+    for again in (lambda: flown.replay(0), lambda: flown.extended(4), lambda: kept.fly(range(1), None)):
+        with pytest.raises(ValueError, match=r"reads other numbers than when these flights were declared: call fly"):
+            again()
+
+
+def test_a_law_is_not_refused_for_what_it_does_with_numbers_that_no_flight_meets():
+    """At the nominal start, which dispersed flights need not meet, and where the law was once told a density of 1."""
+
+    def bind(law):
+        return Campaign(Entry(115.0), START, law, Below("velocity", 480.0), 420.0, 1.0, 4, None, 0)
+
+    def looks_up(density):
+        return [0.3, 0.5][int(1e4 * density)]
+
+    def searches(density, velocity):
+        while density > 1e-3:
+            density = density * 1.0
+        return 0.3
+
+    def divides(velocity):
+        return {1.0: 0.3}[velocity / (velocity - 5500.0)]
+
+    for law in (looks_up, searches, divides):
+        assert bind(law).law.kind[1] is law
+
+
+LOCAL = """
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+def law_of_a_test():
+    class Command(NamedTuple):
+        bank: float
+
+    class Memory(NamedTuple):
+        sign: float = 1.0
+
+    def law(sensed, memory) -> tuple[Command, Memory]:
+        {returned}
+
+    {given}
+"""
+
+
+@pytest.mark.parametrize("returned", ["return Command(0.3), Memory(-memory.sign)", "return (0.3,), memory"])
+def test_a_law_whose_annotations_are_strings_may_stand_within_a_function(returned):
+    space = {"bind": lambda law: Campaign(Entry(115.0), START, law, None, 420.0, 1.0, 4, None, 0)}
+    exec(LOCAL.format(returned=returned, given="return bind(law)"), space)
+    assert space["law_of_a_test"]().flight().parts["memory"]._fields == ("sign",)
+
+
+UNGUARDED = """
+from marsedl.fly import Entry, fly
+
+START = {"altitude_km": 125.0, "velocity": 5500.0, "flight_path_angle_deg": -14.2}
+
+
+def law(velocity):
+    return 0.3
+
+
+def main():
+    return fly(Entry(115.0), START, law=LAW, end_time=50.0, trials=64, processes=2)
+
+
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("law", "how", "told"),
+    [
+        (
+            "law",
+            ["unguarded.py"],
+            r"processes import .*unguarded.py again: call fly below `if __name__",
+        ),
+        ("0.3", ["-m", "unguarded"], r"processes import .*unguarded.py again: call fly below `if __name__"),
+        ("law", ["-"], r"processes cannot import <stdin>: write the program to a file, or leave processes out"),
+        ("law", ["-c", "TEXT"], r"processes cannot import what a notebook defines: put the law into a file"),
+        (
+            "lambda: 0.3",
+            ["-c", "TEXT"],
+            r"processes: .*lambda.*; define it at the top of a file",
+        ),
+    ],
+)
+def test_processes_that_could_not_find_the_law_are_refused_in_one_sentence(tmp_path, law, how, told):
+    text = UNGUARDED.replace("LAW", law)
+    (tmp_path / "unguarded.py").write_text(text)
+    command = [sys.executable, *(text if part == "TEXT" else part for part in how)]
+    done = subprocess.run(command, input=text, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and done.stderr.count("Traceback") == 1
+    assert re.search(f"^ValueError: {told}", done.stderr, re.MULTILINE), done.stderr
+
+
+def test_a_process_that_reads_other_numbers_or_does_not_find_the_law_says_so(monkeypatch):
+    def law(velocity):
+        return RECORD
+
+    here = sys.modules[__name__]
+    monkeypatch.setattr(here, "RECORD", 0.3)
+    monkeypatch.setattr(here, "below_the_guard", law, raising=False)
+    law.__qualname__ = law.__name__ = "below_the_guard"
+    campaign = Campaign(Entry(115.0), START, law, None, 50.0, 1.0, 4, None, 0)
+    pickled = pickle.dumps(campaign)
+    monkeypatch.setattr(here, "RECORD", 0.5)  # as a process does that does not pass `if __name__`
+    with pytest.raises(ValueError, match=r"reads other numbers .* below `if __name__`: set that above"):
+        _fly_chunk((pickled, range(1), 1))
+    monkeypatch.delattr(here, "below_the_guard")
+    with pytest.raises(ValueError, match=r"below_the_guard.*: processes import the script; define the law above"):
+        _fly_chunk((pickled, range(1), 1))
+
+
 def test_flights_under_the_air_are_told():
     start = {"altitude": 1e3, "velocity": 300.0, "flight_path_angle_deg": -80.0}
     with pytest.warns(UserWarning, match=r"2 flights went below -5000 m"):
@@ -395,10 +580,6 @@ def test_what_may_be_meant_otherwise_is_told(flights):
         flights.percentiles("range", 0.99)
     with pytest.warns(UserWarning, match=r"flights start at velocity 5500, beyond the gain table, whose nearest row"):
         steered(CAPSULE, START, law=GainTable({"velocity": [5000.0, 500.0], "bank": [1.0, 0.0]}), trials=2)
-
-
-class Bank(NamedTuple):
-    bank: float
 
 
 def command(velocity) -> Bank:

@@ -7,11 +7,11 @@ import pytest
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.recursion import FunnelError
 from marsedl.methods.funnels.remainder import (
+    _enclosures,
     covering_spheres,
     enclosed_growths,
     proven_bound,
     proven_stages,
-    stage_enclosure,
 )
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos.design import well_chosen_design
@@ -99,7 +99,7 @@ def test_polynomials_of_the_enclosure_are_those_of_the_stage():
     ]:
         stage = FunnelStage(loop, first, last, *shapes, 0.1)
         points = ball_points(sizes, 30, 1, inside=True)
-        flow = stage_enclosure(loop, first, last, shapes[0], 0.1, 3)
+        (flow,) = _enclosures(loop, first, [last], shapes[0], 0.1, 3)
         monomials = flow[0].monomials
         terms = (
             monomials.evaluate(points)
@@ -115,7 +115,8 @@ def test_enclosure_contains_the_flow():
     for rho in (0.02, 0.3):
         stage = FunnelStage(PENDULUM, 0, 4, SHAPE, NEXT_SHAPE, rho)
         truth = PENDULUM.flow(0, 4, list(stage.deviations(points).T), list(points[:, 2:].T))
-        for component, values in zip(stage_enclosure(PENDULUM, 0, 4, SHAPE, rho, 4), truth, strict=True):
+        (flow,) = _enclosures(PENDULUM, 0, [4], SHAPE, rho, 4)
+        for component, values in zip(flow, truth, strict=True):
             errors = np.abs(values - component.monomials.evaluate(points) @ component.coefficients)
             assert errors.max() <= component.remainder < 30 * errors.max()
 

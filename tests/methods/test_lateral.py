@@ -7,8 +7,9 @@ from marsedl.methods.guidance.lateral import (
     PRINTED,
     bank_direction,
     deadband,
-    heading_alignment,
     heading_alignment_limit,
+    heading_alignment_ratio,
+    limited_heading_alignment,
     rate_limited_bank,
     rate_limited_bank_as_printed,
 )
@@ -31,9 +32,16 @@ def compiled_direction(direction, crossrange, width):
     return bank_direction(direction, crossrange, width)
 
 
+def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
+    """The command of Eq. 58."""
+    angle = np.arctan2(*heading_alignment_ratio(downrange_angle, crossrange_angle, form))
+    return limited_heading_alignment(angle, gain, limit, form)
+
+
 @njit
 def compiled_alignment(downrange_angle, crossrange_angle, limit, form):
-    return heading_alignment(downrange_angle, crossrange_angle, GAIN, limit, form)
+    numerator, denominator = heading_alignment_ratio(downrange_angle, crossrange_angle, form)
+    return limited_heading_alignment(np.arctan2(numerator, denominator), GAIN, limit, form)
 
 
 @njit

@@ -7,12 +7,13 @@ from numba import njit
 from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models.atmosphere import (
+    TEMPERATURE_PRESSURE_FIT,
     casadi_log_density,
     log_quadratic,
     named_log_density,
     named_profile,
     tabulated,
-    temperature_pressure_fit,
+    temperature_pressure,
     two_exponential,
     uniform_cells,
     uniform_nodes,
@@ -27,6 +28,10 @@ def calibrated(altitude):
     return log_quadratic(altitude, *CALIBRATED)
 
 
+def temperature_pressure_fit(altitude):
+    return temperature_pressure(altitude, *TEMPERATURE_PRESSURE_FIT)
+
+
 @njit
 def compiled_calibrated(altitude):
     return log_quadratic(altitude, -0.0343295, -0.8737816, -4.2342822, 60e3)
@@ -34,7 +39,9 @@ def compiled_calibrated(altitude):
 
 @njit
 def compiled_fit(altitude):
-    return temperature_pressure_fit(altitude)
+    return temperature_pressure(
+        altitude, (205.3645, -1.245e-3, -8.85e-9, 1.4e-13), 559.351005946503, 1.05e-4, 188.95110711075
+    )
 
 
 @njit

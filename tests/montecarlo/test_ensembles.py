@@ -14,7 +14,6 @@ from marsedl.montecarlo.ensembles import (
     Trajectories,
     chunk_bounds,
     merge,
-    reduce_blocks,
     run_blocks,
     without_infinities,
 )
@@ -334,19 +333,6 @@ def test_infinite_numbers_become_storable():
     np.testing.assert_array_equal(without_infinities(np.array([1.0, np.inf, -np.inf, np.nan])), [1.0, *[np.nan] * 3])
     assert without_infinities(7) == 7
     np.testing.assert_array_equal(without_infinities(np.array([3])), np.array([3]), strict=True)
-
-
-def test_a_callers_reduction_sees_every_trial_once_and_in_order():
-    def ends(block):
-        return [tuple(final) for final in block.final_state.T]
-
-    parts = [
-        reduce_blocks(simulate_block, first, last, ends, list.__add__, block_size=100)
-        for first, last in chunk_bounds(530, 3, 100)
-    ]
-    assert [end for part in parts for end in part] == ends(simulate_block(0, 530))
-    with pytest.raises(ValueError, match="must exceed"):
-        reduce_blocks(simulate_block, 5, 5, ends, list.__add__)
 
 
 # ---- bounds and chunks -----------------------------------------------------------------------------------------------

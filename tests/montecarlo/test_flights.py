@@ -1,6 +1,11 @@
 """The engine: compiled flights are those of the plain functions, converge, keep energy, and refuse bad models."""
 
+import random
+import time
+from collections import namedtuple
 from dataclasses import fields
+from enum import IntEnum
+from types import ModuleType, SimpleNamespace
 from typing import NamedTuple
 
 import numba
@@ -349,7 +354,7 @@ def test_bad_models_are_refused_by_name():
 
 @pytest.mark.parametrize(
     ("function", "error"),
-    [(too_short, r"too_short .* returned 1 numbers for State, which has 2"), (uncompilable, "numba cannot")],
+    [(too_short, r"too_short .* returned \(.*\); it must return h, v"), (uncompilable, "numba cannot")],
 )
 def test_what_cannot_be_compiled_is_told_with_its_reason(function, error):
     with pytest.raises((TypeError, ValueError), match=error) as refusal:
@@ -413,3 +418,70 @@ def test_a_kernel_is_named_by_where_each_constant_and_function_stands():
     assert digest(before, one) != digest(before, other)
     assert digest(before, one, None) != digest(before, None, one)
     assert digest(before, one, before) != digest(before, one, one)
+
+
+def digest_of(expression, **space):
+    exec(f"def read(sensed):\n    return {expression}", space)
+    return digest(space["read"])
+
+
+@pytest.mark.parametrize("beside", [np.arange(3.0), ModuleType("velocity"), {"velocity": 1.0}])
+def test_a_name_of_an_attribute_is_no_global(beside):
+    assert digest_of("sensed.velocity") == digest_of("sensed.velocity", velocity=beside)
+
+
+def test_a_digest_follows_all_that_is_read():
+    def plain(x, *, factor=1.0):
+        return factor * x
+
+    def edited(x, *, factor=2.0):
+        return factor * x
+
+    modules = [ModuleType("beside") for _ in range(2)]
+    for module, number in zip(modules, (1.0, 2.0), strict=True):
+        module.n, module.inner, module.__name__ = number, SimpleNamespace(n=number), "numbalike"
+    kinds = [IntEnum("Mode", {"on": number}) for number in (1, 2)]
+    for expression, one, other in (
+        ("n", 1.0, 2.0),
+        ("n[0]", np.array([1.0]), np.array([2.0])),
+        ("n.slope", namedtuple("Gains", ["slope"])(1.0), namedtuple("Gains", ["slopes"])(1.0)),
+        ("n.n", *modules),
+        ("f(n)", *modules),
+        ("n.on", *kinds),
+        ("n(1.0)", plain, edited),
+        ("n(1.0)", njit(fastmath=True)(plain), njit(plain)),
+    ):
+        assert digest_of(expression, n=one, f=plain) == digest_of(expression, n=one, f=plain)
+        assert digest_of(expression, n=one) != digest_of(expression, n=other), expression
+
+
+class Reads:
+    """An object, of which a compiled flight would keep the first numbers."""
+
+
+def helper_with(state):
+    return LOG[0]
+
+
+LOG, CLOCK, OBJECT, LARGE = [1.0], time.time, Reads(), np.zeros(200_000)
+
+
+@pytest.mark.parametrize(
+    ("expression", "told"),
+    [
+        ("np.random.normal()", r"rates .* reads np\.random, whose answers belong to no trial"),
+        ("normal()", r"reads normal, whose answers belong to no trial"),
+        ("random.random()", r"reads random, whose answers"),
+        ("CLOCK()", r"reads CLOCK, whose answers"),
+        ("LOG[0]", r"reads LOG, a list whose changes a compiled flight does not see: .* law=parameters"),
+        ("helper_with(state)", r"helper_with .* reads LOG, a list"),
+        ("OBJECT.number", r"reads OBJECT, a Reads"),
+        ("LARGE[0]", r"reads LARGE, a ndarray"),
+    ],
+)
+def test_what_belongs_to_no_trial_or_is_not_followed_is_refused_before_anything_is_compiled(expression, told):
+    space = {**globals(), "normal": np.random.normal, "random": random}
+    exec(f"def rates(state):\n    return State(state.v, {expression})", space)
+    space["rates"].__annotations__["return"] = State
+    with pytest.raises(ValueError, match=told):
+        Flight(space["rates"]).fly((), SCHEDULE, State(1.0, 1.0))

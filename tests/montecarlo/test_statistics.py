@@ -76,13 +76,11 @@ def test_standard_errors_are_the_spread_of_repeated_estimates():
 @pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 0.99])
 def test_percentile_and_its_standard_error(level):
     rng = np.random.default_rng(3)
-    repeats, count = 800, 1000
+    repeats, count = 800, 5000 if level == 0.99 else 1000
     samples = rng.standard_normal((repeats, count))
     values, errors = np.array([percentile(sample, level) for sample in samples]).T
     np.testing.assert_array_equal(values, np.quantile(samples, level, axis=1))
-    # the estimate is close to unbiased except at the very end of the sample
-    tolerance = 0.25 if level == 0.99 else 0.1
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=tolerance)
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.1)
     # scipy shifts both parameters of the distribution by one, which matters at the end of the sample
     if level < 0.99:
         assert errors[0] == pytest.approx(stats.mstats.mjci(samples[0], [level])[0], rel=0.1)
@@ -91,10 +89,10 @@ def test_percentile_and_its_standard_error(level):
 @pytest.mark.parametrize(("count", "level"), [(20, 0.5), (100, 0.9), (200, 0.05), (1000, 0.99), (1000, 0.01)])
 @pytest.mark.parametrize("distribution", [stats.norm, stats.expon])
 def test_three_errors_hold_the_percentile_from_the_least_count_on(distribution, count, level):
-    """Of normal errors 99.7 % would lie within three; those of small and skewed samples are wider."""
+    """As often as three errors of a normal number do, though the percentile of so few samples is far from normal."""
     samples = distribution.rvs(size=(1000, count), random_state=12)
     values, errors = np.array([percentile(sample, level) for sample in samples]).T
-    assert np.mean(np.abs(values - distribution.ppf(level)) <= 3 * errors) > 0.97
+    assert np.mean(np.abs(values - distribution.ppf(level)) <= 3 * errors) > 0.9973 - 3 * np.sqrt(0.0027 / 1000)
 
 
 @pytest.mark.parametrize(("count", "level"), [(1, 0.5), (18, 0.5), (20, 0.99), (940, 0.99), (940, 0.01)])
@@ -135,7 +133,7 @@ def test_percentile_of_many_samples_and_of_bad_levels():
             percentile([1.0, 2.0], level)
 
 
-@pytest.mark.parametrize(("count", "level"), [(1000, 0.01), (1000, 0.99), (1000, 0.5), (121, 0.9)])
+@pytest.mark.parametrize(("count", "level"), [(5000, 0.01), (5000, 0.99), (1000, 0.5), (521, 0.9)])
 def test_the_error_of_a_percentile_is_that_of_a_bootstrap(count, level):
     rng = np.random.default_rng(10)
     samples, resamples = np.sort(rng.exponential(size=count)), 4000

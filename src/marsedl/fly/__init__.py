@@ -59,11 +59,12 @@ def fly(
             those of `functools.partial`), and returns the command. With a memory it is annotated
             `-> tuple[Command, Memory]`, both NamedTuples, as `guide` of the engine. Or a `GainTable`, or a constant.
         trigger: `Below` or `Above` for a quantity of the state, or a function of (state, p) annotated to return a
-            float, whose zero is found, or a bool.
+            float, which is positive until the flight ends and whose zero is found, or a bool. Trials that meet it where
+            they start have the outcome "trigger met at the start" and count in no statistics.
         end_time: s, at which flights end that no trigger has ended.
         period: of the guidance, s. substeps: integration steps in it.
         history: seconds from one stored state to the next; by default ends alone are stored.
-        trials: how many. seed: of all random numbers.
+        trials: how many. seed: of all random numbers, a whole number from 0 to 2**63 - 1.
         processes: started by spawn; each flies in its share of the threads. A script then needs
             `if __name__ == "__main__":`.
         progress: whether to show how much is flown; by default in a terminal.
@@ -72,7 +73,8 @@ def fly(
         `Flights`.
 
     Raises:
-        ValueError: with one sentence on what is wrong: a name, a suffix, a number, a law, a trigger.
+        ValueError: with one sentence on what is wrong: a name, a suffix, a number, a law, a trigger, a trial that draws
+            a number with which nothing can fly.
         TypeError: for a function that numba cannot compile.
     """
     campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed)

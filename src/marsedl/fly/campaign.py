@@ -1,18 +1,25 @@
 """Flights as they are declared, checked and bound, and the flying of any of their trials."""
 
+import inspect
+import pickle
 import sys
 import time
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
+from traceback import walk_stack
 
 import numpy as np
 
 from marsedl.fly import laws
+from marsedl.fly.declared import is_number, require_numbers
 from marsedl.fly.vehicles import Model
+from marsedl.words import require
 
 START, NOISE, AIR, VEHICLE = range(4)  # streams of random numbers
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
-OUT_OF_TIME, NOT_FINITE = "out of time", "not finite"
+OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
 
 class Campaign:
@@ -21,27 +28,52 @@ class Campaign:
     def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed):
         """Check all of it, and bind it to the model; nothing is compiled."""
         self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed)
-        if not hasattr(flies, "model") and type(flies).__name__ != "Flight":
-            raise ValueError(f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight")
+        require(
+            hasattr(flies, "model") or type(flies).__name__ == "Flight",
+            f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
+        )
         self.model = model = flies.model() if hasattr(flies, "model") else Model(flies)
         for name, seconds in (("end_time", end_time), ("period", period)):
-            if not 0.0 < seconds < np.inf:
-                raise ValueError(f"{name} is {seconds!r} s; it must be positive")
-        if substeps < 1 or substeps != int(substeps):
-            raise ValueError(f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1")
+            require(is_number(seconds) and seconds > 0.0, f"{name} is {seconds!r} s; it must be positive")
+        require(
+            history is None or is_number(history),
+            f"history is {history!r}; give the seconds from one stored state to the next, or None",
+        )
+        require(
+            isinstance(seed, int | np.integer) and 0 <= seed < 2**63,
+            f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1",
+        )
+        require(
+            is_number(substeps) and substeps >= 1 and substeps == int(substeps),
+            f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
+        )
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units)
         self.trigger, end, self.end = laws.trigger_of(trigger, model.flight, nominal, model.units(nominal))
         self.p = model.complete(model.p, nominal) if model.complete else model.p
+        for what, parts in (("p", self.p), ("law", self.law.parameters)):
+            require_numbers(parts if isinstance(parts, tuple) else (), what)
         if end:
             self.p = laws.extended(type(self.p))(*self.p, end)
         self.schedule(history)
+        self.reached = self._reached()
+        means = (np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle))
+        require(
+            not self.met_at_the_start(*means).any(),
+            f"{self.end.removeprefix('ended: ')}: this trigger is met at the start; one that returns a number is "
+            f"positive until the flight ends, one that returns a bool False",
+        )
 
     def __reduce__(self):
-        """Pickle what was declared, which another process binds again."""
-        return Campaign, self.declared
+        """Pickle what was declared, which another process binds again, and the digest of all that it reaches."""
+        return Campaign, self.declared, {"reached": self.reached}
+
+    def _reached(self):
+        from marsedl.montecarlo.flights.binding import digest
+
+        return digest(*self.flight().reached(), self.p, self.law.parameters)
 
     def flight(self):
         """The `Flight` with law and trigger."""
@@ -55,45 +87,125 @@ class Campaign:
         if every is None:
             return schedule._replace(every=int(schedule.steps.sum()))
         steps = every * self.substeps / self.period
-        if not (steps >= 1.0 and abs(steps - round(steps)) < 1e-9 * steps):
-            step = self.period / self.substeps
-            raise ValueError(f"history every {every:g} s is no multiple of the integration step, {step:g} s")
+        require(
+            steps >= 1.0 and abs(steps - round(steps)) < 1e-9 * steps,
+            f"history every {every:g} s is no multiple of the integration step, {self.period / self.substeps:g} s",
+        )
         return schedule._replace(every=round(steps))
 
-    def fly(self, trials, every, in_python=False):
-        """`Trajectories` of consecutive trials, of one alone if in Python."""
-        state, vehicle = self.model.flight.parts["state"], ()
-        if self.vehicle.names:
-            vehicle = type(self.model.vehicle)(*self.vehicle.sample(self.seed, VEHICLE, trials))
-        arguments = (self.p, self.schedule(every), state(*self.start.sample(self.seed, START, trials)))
+    def drawn(self, trials):
+        """Start and vehicle of these trials, (numbers, trials). Raises ValueError for numbers beyond their bounds."""
+        bounds = self.model.bounds
+        start = self.start.sample(self.seed, START, trials, bounds)
+        return start, self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+
+    def met_at_the_start(self, start, vehicle):
+        """Which trials meet the trigger where they start. Arguments: tables (numbers, trials)."""
+        flight, state = self.flight(), self.model.flight.parts["state"]
+        if (ended := flight.functions["ended"]) is None:
+            return np.zeros(start.shape[1], bool)
+        asked, finds_zero = inspect.signature(ended).parameters, flight.classes["ended"] is float
+
+        def met(start, vehicle):
+            vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
+            offered = {"state": state(*start), "vehicle": vehicle, "p": self.p}
+            value = ended(*(offered[name] for name in asked))
+            return value <= 0.0 if finds_zero else value
+
+        if self.trigger == "falls":  # a sum of the state's numbers, of arrays as well
+            return met(start, vehicle)
+        with np.errstate(all="ignore"):
+            return np.array([met(*numbers) for numbers in zip(start.T, vehicle.T, strict=True)], bool)
+
+    def fly(self, trials, every, in_python=False, whole=True):
+        """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
+
+        Raises ValueError if the law or the model reads other numbers than when it was declared.
+        """
+        require(
+            self._reached() == self.reached,
+            "the law or the model reads other numbers than when these flights were declared: call fly again; "
+            "processes do not see what a script sets below `if __name__`: set that above, or give it as law=",
+        )
+        state, (start, vehicle) = self.model.flight.parts["state"], self.drawn(trials)
+        vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
+        schedule = self.schedule(every) if whole else self.schedule(every).first_period()
+        arguments = (self.p, schedule, state(*start))
         options = {"vehicle": vehicle, "law": self.law.parameters, "nodes": self.model.nodes, "seed": self.seed}
         options |= {"first_trial": trials[0], "streams": (NOISE, AIR)}
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
         return self.flight().fly(*arguments, **options)
 
-    def outcomes(self, flown):
-        """Outcome of every flight, by name."""
+    def look_at_first_period(self, trial):
+        """Fly a trial's first period, in Python at first: refuse a law that returns no command, or one in degrees, or
+        is another law compiled. Warns of commands that are not finite.
+        """
+        self.flight().renew()
+        parts = self.flight().parts
+        stored, names = parts["stored"]._fields, parts["command"]._fields
+        if not names or not {*names} <= {*stored}:
+            return
+        rows = [stored.index(name) for name in names]
+
+        def commanded(in_python):
+            with np.errstate(all="ignore"):
+                flown = self.fly(range(trial, trial + 1), self.period / self.substeps, in_python, whole=False)
+            return flown.history[0, rows, 0]
+
+        def listed(numbers):
+            return ", ".join(map("{:g}".format, numbers))
+
+        python = commanded(in_python=True)
+        said = f"the law commands {listed(python)} at the start of trial {trial}"
+        laws.check_angles(said, names, python, self.model.units)
+        if not np.isfinite(python).all():
+            warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
+        compiled = commanded(in_python=False)
+        require(
+            np.allclose(compiled, python, rtol=1e-3, atol=1e-9, equal_nan=True),
+            f"{said} in Python, compiled {listed(compiled)}: compiled integers are of 64 bits, and their negative "
+            f"powers 0; write floats, such as 2.0",
+        )
+
+    def outcomes(self, flown, trials):
+        """Outcome of every one of these trials, by name."""
         finite = np.isfinite(flown.final_state).all(axis=0)
         ended = flown.length < len(flown.history) if "ended" in self.flight().classes else True
-        return np.where(finite, np.where(ended, self.end, OUT_OF_TIME), NOT_FINITE)
+        outcome = np.broadcast_to(np.where(ended, self.end, OUT_OF_TIME), finite.shape).astype(object)
+        for name, failed in self.failures(flown.final_state).items():
+            outcome[failed] = name
+        outcome[self.met_at_the_start(*self.drawn(trials))] = AT_ONCE
+        outcome[~finite] = NOT_FINITE
+        return outcome.astype(str)
+
+    def failures(self, numbers):
+        """Which flights of these final numbers failed in a way that the model names, by its name."""
+        return self.model.failed(self.p, self.final(numbers)) if self.model.failed else {}
+
+    def final(self, numbers):
+        """Final numbers by name."""
+        return dict(zip(self.flight().parts["final"]._fields, numbers, strict=True))
 
     def reduced(self, trials):
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials."""
-        flown, history = self.fly(trials, self.history), None
-        if self.history is not None:
-            history = flown.cleared().history
-        return flown.final_state, self.outcomes(flown), history
+        flown = self.fly(trials, self.history)
+        history = None if self.history is None else flown.cleared().history
+        return flown.final_state, self.outcomes(flown, trials), history
 
     def fly_all(self, first, last, processes, progress):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
+        pickled = _for_processes(self) if processes > 1 else None
         size = CHUNK if processes == 1 else min(CHUNK, -(-(last - first) // processes))
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
+        for chunk in chunks:
+            self.drawn(chunk)  # refuses what cannot fly before anything flies
+        self.look_at_first_period(first)
         if processes == 1:
             parts = _told(map(self.reduced, chunks), last - first, progress)
         else:
             with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-                jobs = [(self, chunk, processes) for chunk in chunks]
+                jobs = [(pickled, chunk, processes) for chunk in chunks]
                 parts = _told(pool.map(_fly_chunk, jobs), last - first, progress)
         final, outcome, history = zip(*parts, strict=True)
         whole = None if history[0] is None else np.concatenate(history, axis=-1)
@@ -104,9 +216,44 @@ def _fly_chunk(job):
     """One chunk in a process of a pool, with its share of the threads."""
     import numba
 
-    campaign, trials, processes = job
+    pickled, trials, processes = job
+    try:
+        campaign = pickle.loads(pickled)
+    except AttributeError as error:
+        raise ValueError(f"{error}: processes import the script; define the law above `if __name__`") from None
     numba.set_num_threads(max(1, numba.get_num_threads() // processes))
     return campaign.reduced(trials)
+
+
+def _for_processes(campaign):
+    """The pickled campaign. Raises ValueError where processes, which import the program again, cannot fly it."""
+    main, remedy = sys.modules["__main__"], "or leave processes out"
+    name, path = getattr(main.__spec__, "name", None), getattr(main, "__file__", None)
+    imported = not f".{name}".endswith(".__main__") if name else path is not None
+    try:
+        pickled = pickle.dumps(campaign)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise ValueError(f"processes: {error}; define it at the top of a file, {remedy}") from None
+    require(
+        imported or b"__main__" not in pickled,
+        f"processes cannot import what a notebook defines: put the law into a file, {remedy}",
+    )
+    require(
+        not imported or Path(path).is_file(), f"processes cannot import {path}: write the program to a file, {remedy}"
+    )
+    require(
+        not imported or _is_guarded(main),
+        f"processes import {path} again: call fly below `if __name__ == '__main__':`, {remedy}",
+    )
+    return pickled
+
+
+def _is_guarded(main):
+    """Whether the line of the script that runs now stands below one that begins `if __name__`."""
+    lines = Path(main.__file__).read_bytes().splitlines()
+    frames = [frame for frame, _ in walk_stack(None) if frame.f_globals is vars(main)]
+    running = [frame.f_lineno for frame in frames if frame.f_code.co_name == "<module>"]
+    return all(any(line.startswith(b"if __name__") for line in lines[:number]) for number in running)
 
 
 def _told(parts, total, shown):

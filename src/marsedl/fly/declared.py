@@ -1,5 +1,6 @@
 """What a user declares of flights: dispersions, planet and air, each with its checks; and quantities by name."""
 
+from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.models.density_table import physical_table, read_density_table
-from marsedl.words import remedy
+from marsedl.words import remedy, require
 
 __all__ = ["MARS", "Exponential", "Markov", "MultivariateNormal", "Normal", "Planet", "Table", "Uniform"]
 
-_SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
+SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
 
 
 # ---- quantities by name ----------------------------------------------------------------------------------------------
@@ -32,11 +33,11 @@ def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]
     """
     if name in units:
         return name, 1.0
-    for suffix, (unit, factor) in _SUFFIXES.items():
+    for suffix, (unit, factor) in SUFFIXES.items():
         base = name.removesuffix(suffix)
         if base != name and base in units:
             if units[base] != unit:
-                fitting = [f"{base}{other}" for other, (of, _) in _SUFFIXES.items() if of == units[base]]
+                fitting = [f"{base}{other}" for other, (of, _) in SUFFIXES.items() if of == units[base]]
                 raise ValueError(
                     f"{what} {name!r}: {base} is in {units[base] or 'a unit that is not declared'}, not in a unit of "
                     f"{suffix}; write {' or '.join([repr(base), *map(repr, fitting)])}"
@@ -48,7 +49,8 @@ def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]
 # ---- dispersions -----------------------------------------------------------------------------------------------------
 
 
-class Normal(NamedTuple):
+@dataclass(frozen=True)
+class Normal:
     """A normally distributed number."""
 
     mean: float
@@ -59,7 +61,8 @@ class Normal(NamedTuple):
         return self.mean + self.deviation * z
 
 
-class Uniform(NamedTuple):
+@dataclass(frozen=True)
+class Uniform:
     """A number that is uniformly distributed between two bounds."""
 
     low: float
@@ -77,11 +80,43 @@ class Uniform(NamedTuple):
         return self.low + (self.high - self.low) * ndtr(z)
 
 
-class MultivariateNormal(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class MultivariateNormal:
     """Numbers that are normally distributed together: means (n,), covariance (n, n)."""
 
     mean: np.ndarray
     covariance: np.ndarray
+
+    def root(self):
+        """Symmetric root of the covariance, each component in units of its deviation: (n,) deviations, (n, n).
+
+        Raises ValueError for what is no covariance, whatever the units of its components are.
+        """
+        from marsedl.models.random_field import root
+
+        variances = np.diag(self.covariance)
+        require(
+            not (variances < 0.0).any() and not self.covariance[variances == 0.0].any(),
+            "a variance is negative, or zero beside a covariance that is not",
+        )
+        deviations = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+        return deviations, root(self.covariance / np.outer(deviations, deviations))
+
+
+def is_number(value) -> bool:
+    """Whether it is a finite number, of Python or of numpy."""
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
+
+
+def require_numbers(parts, what):
+    """Refuse dispersions and words among the members of a tuple, at any depth. Raises ValueError."""
+    for name, value in zip(getattr(parts, "_fields", range(len(parts))), parts, strict=True):
+        if isinstance(value, tuple):
+            require_numbers(value, f"{what}.{name}")
+        elif isinstance(value, Normal | Uniform | MultivariateNormal | str | None):
+            raise ValueError(
+                f"{what}.{name} is {value!r}: give a number; start and the vehicle's numbers take dispersions"
+            )
 
 
 class Declared(NamedTuple):
@@ -95,8 +130,8 @@ class Declared(NamedTuple):
     single: tuple[tuple[int, Normal | Uniform, float], ...]  # place, distribution, SI factor
     joint: tuple[tuple[tuple[int, ...], np.ndarray], ...]  # places, root of the covariance
 
-    def sample(self, seed, stream, trials):
-        """Values (names, trials) of these trials."""
+    def sample(self, seed, stream, trials, bounds=None):
+        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name."""
         from marsedl.montecarlo.streams import normals
 
         values = np.tile(np.reshape(self.means, (-1, 1)), len(trials))
@@ -107,61 +142,104 @@ class Declared(NamedTuple):
             for places, root in self.joint:
                 # Not a matrix product, whose sums depend on the number of trials.
                 values[list(places)] += sum(np.outer(column, z[k]) for column, k in zip(root.T, places, strict=True))
+        for name in [name for name in self.names if name in (bounds or {})]:
+            (low, high), drawn = bounds[name], values[self.names.index(name)]
+            beyond = np.flatnonzero(~((low <= drawn) & (drawn <= high)))
+            if beyond.size:
+                raise ValueError(
+                    f"{name} {within(low, high)}, but {beyond.size:,} of the trials {trials[0]:,} to {trials[-1]:,} "
+                    f"draw others, such as {drawn[beyond[0]]:.4g} in trial {trials[beyond[0]]:,}: give a smaller "
+                    f"deviation, or Uniform(low, high)"
+                )
         return values
 
 
-def declare(given, units, defaults, what) -> Declared:
+def within(low, high):
+    """What a number that lies within bounds must do, in words."""
+    if high < np.inf:
+        return f"must lie between {low:.4g} and {high:.4g}"
+    return {0.0: "must not be negative", POSITIVE[0]: "must be positive"}.get(low, f"must be at least {low:g}")
+
+
+POSITIVE, NOT_NEGATIVE, QUARTER_TURN = (5e-324, np.inf), (0.0, np.inf), (-np.pi / 2, np.pi / 2)
+
+
+def declare(given, units, defaults, what, bounds) -> Declared:
     """Check numbers and dispersions that a user gives by name.
 
     Args:
         given: mapping from names, or tuples of names, to numbers and dispersions.
         units: unit of every name. defaults: values of those that need not be given. what: for messages.
+        bounds: lowest and highest value of a name, for those that have them.
 
     Raises:
         ValueError: for an unknown or missing name, a wrong suffix, a number that is not finite or is an angle in
-            degrees by its size, a negative deviation, or a covariance that is none.
+            degrees by its size or lies beyond its bounds, a negative deviation, or a covariance that is none.
     """
+    require(
+        isinstance(given, Mapping),
+        f"{what} is of type {type(given).__name__}: give a mapping from names to numbers; it has {', '.join(units)}",
+    )
     names, means, single, joint, seen = tuple(units), dict(defaults), [], [], set()
 
     def number(value, name):
-        if not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            raise ValueError(f"{what} {name!r} is {value!r}; give a finite number, Normal(mean, deviation) or Uniform")
+        require(
+            is_number(value), f"{what} {name!r} is {value!r}; give a finite number, Normal(mean, deviation) or Uniform"
+        )
         return float(value)
 
     def accept(written, mean):
         name, factor = resolve(written, units, what)
-        if units[name] == "rad" and abs(mean * factor) > 2.0 * np.pi:
-            raise ValueError(f"{what} {written!r} is {mean:g} rad, more than a turn; for degrees write '{name}_deg'")
-        if name in seen:
-            raise ValueError(f"{what} {name!r} is given twice; give it once")
+        require(
+            units[name] != "rad" or abs(mean * factor) <= 2.0 * np.pi,
+            f"{what} {written!r} is {mean:g} rad, more than a turn; for degrees write '{name}_deg'",
+        )
+        low, high = bounds.get(name, (-np.inf, np.inf))
+        degrees = f"; for degrees write '{name}_deg'" if units[name] == "rad" and name == written else ""
+        require(
+            low <= mean * factor <= high,
+            f"{what} {written!r} is {mean:g}; it {within(low / factor, high / factor)}{degrees}",
+        )
+        require(name not in seen, f"{what} {name!r} is given twice; give it once")
         seen.add(name)
         means[name] = factor * mean
         return names.index(name), factor
 
     for key, value in given.items():
         if isinstance(key, tuple):
-            if not isinstance(value, MultivariateNormal):
-                raise ValueError(f"{what} {key}: several names take MultivariateNormal(means, covariance)")
+            require(
+                isinstance(value, MultivariateNormal),
+                f"{what} {key}: several names take MultivariateNormal(means, covariance)",
+            )
             mean, covariance = np.asarray(value.mean, float), np.asarray(value.covariance, float)
-            if mean.shape != (len(key),) or covariance.shape != (len(key), len(key)):
-                raise ValueError(f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them")
+            require(
+                mean.shape == (len(key),) and covariance.shape == (len(key), len(key)),
+                f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them",
+            )
             accepted = [accept(name, number(middle, name)) for name, middle in zip(key, mean, strict=True)]
             places, factors = zip(*accepted, strict=True)
-            eigenvalues, vectors = np.linalg.eigh(covariance)
-            if not np.allclose(covariance, covariance.T) or eigenvalues[0] < -1e-12 * max(eigenvalues[-1], 0.0):
-                raise ValueError(f"{what} {key}: the covariance is not symmetric with eigenvalues of at least zero")
-            joint.append((places, np.reshape(factors, (-1, 1)) * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))))
+            try:
+                deviations, root = MultivariateNormal(mean, covariance).root()
+            except ValueError:
+                raise ValueError(
+                    f"{what} {key}: the covariance is not symmetric with eigenvalues of at least zero, or has "
+                    f"correlations beyond -1 and 1"
+                ) from None
+            joint.append((places, np.reshape(np.multiply(factors, deviations), (-1, 1)) * root))
         elif isinstance(value, Normal | Uniform):
-            value = type(value)(*(number(part, key) for part in value))
-            if (value.deviation if isinstance(value, Normal) else value.high - value.low) < 0.0:
-                raise ValueError(f"{what} {key!r} is {value}; a deviation is not negative, and low not above high")
+            value = type(value)(*(number(part, key) for part in vars(value).values()))
+            require(
+                (value.deviation if isinstance(value, Normal) else value.high - value.low) >= 0.0,
+                f"{what} {key!r} is {value}; a deviation is not negative, and low not above high",
+            )
             place, factor = accept(key, value.mean)
             single.append((place, value, factor))
         else:
             accept(key, number(value, key))
-    if missing := [name for name in names if name not in means]:
-        needed = ", ".join(name for name in names if name not in defaults)
-        raise ValueError(f"{what} {missing[0]!r} is missing; it needs {needed}")
+    for name in names:
+        require(
+            name in means, f"{what} {name!r} is missing; it needs {', '.join(n for n in names if n not in defaults)}"
+        )
     return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint))
 
 
@@ -186,9 +264,12 @@ class Exponential(NamedTuple):
     scale_height: float = 10.5e3  # m
 
     def log_density(self, altitude):
-        """Logarithm of the density in kg/m^3."""
-        if not (self.surface_density > 0.0 and self.scale_height > 0.0):
-            raise ValueError(f"{self}: density and scale height must be positive; for no air at all give air=None")
+        """Logarithm of the density in kg/m^3. Raises ValueError for numbers that are no air's."""
+        require_numbers(self, "Exponential")
+        require(
+            self.surface_density > 0.0 and self.scale_height > 0.0,
+            f"{self}: density and scale height must be positive; for no air at all give air=None",
+        )
         return np.log(self.surface_density) - altitude / self.scale_height
 
 
@@ -200,17 +281,20 @@ class Table(NamedTuple):
 
     source: str | Path | np.ndarray  # file, or altitude (m) and density (kg/m^3), (n, 2)
 
+    def rows(self):
+        """Altitude (m) and density (kg/m^3) of the rows, (n, 2). Raises ValueError for what is no density table."""
+        if isinstance(self.source, str | Path):
+            return read_density_table(self.source)
+        rows = np.asarray(self.source, float)
+        require(
+            rows.ndim == 2 and rows.shape[1] == 2,
+            f"a table of air has rows of altitude (m) and density (kg/m^3), not shape {rows.shape}",
+        )
+        return physical_table(rows)
+
     def log_density(self, altitude):
         """Logarithm of the density in kg/m^3. Raises ValueError for what is no density table."""
-        if isinstance(self.source, str | Path):
-            rows = read_density_table(self.source)
-        else:
-            rows = np.asarray(self.source, float)
-            if rows.ndim != 2 or rows.shape[1] != 2:
-                raise ValueError(
-                    f"a table of air has rows of altitude (m) and density (kg/m^3), not shape {rows.shape}"
-                )
-            physical_table(rows)
+        rows = self.rows()
         nodes, values = rows[:, 0], np.log(rows[:, 1])
         slopes = np.diff(values) / np.diff(nodes)
         piece = np.clip(np.searchsorted(nodes, altitude) - 1, 0, len(slopes) - 1)
@@ -239,12 +323,11 @@ class Markov:
     spacing: float = 500.0
 
     def __post_init__(self):
-        """Refuse lengths that are not positive."""
+        """Refuse dispersions, and lengths that are not positive."""
+        require_numbers(namedtuple("Given", vars(self))(**vars(self)), "Markov")
         for name in ("correlation_length", "spacing"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"Markov air: {name} is {getattr(self, name)!r} m; it must be positive")
-        if not self.top > self.bottom:
-            raise ValueError(f"Markov air: top ({self.top} m) must lie above bottom ({self.bottom} m)")
+            require(getattr(self, name) > 0.0, f"Markov air: {name} is {getattr(self, name)!r} m; it must be positive")
+        require(self.top > self.bottom, f"Markov air: top ({self.top} m) must lie above bottom ({self.bottom} m)")
 
     def nodes(self):
         """Altitudes, m, from the bottom up."""
@@ -254,6 +337,5 @@ class Markov:
         """Standard deviation at the nodes. Raises ValueError if one is negative."""
         values = self.deviation(self.nodes()) if callable(self.deviation) else self.deviation
         values = np.broadcast_to(np.asarray(values, float), self.nodes().shape).copy()
-        if not (values >= 0.0).all():
-            raise ValueError("Markov air: the deviation must not be negative, at any altitude")
+        require((values >= 0.0).all(), "Markov air: the deviation must not be negative, at any altitude")
         return values

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.compiling import jitable
 from marsedl.models.dynamics.entry import entry_rates_from_sines
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.elementary import arctangent, exponential, sine_cosine
@@ -20,7 +21,9 @@ _START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "l
 EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
 EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
 EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
-EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude"), defaults=(0.0, np.inf))
+EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude", "max_altitude"), defaults=(0.0, np.inf, -np.inf))
+EntryStored = namedtuple("EntryStored", (*EntrySensed._fields, "bank"))
+EntryFinal = namedtuple("EntryFinal", ("end_time", *EntrySensed._fields, *EntryWatched._fields))
 Air = namedtuple("Air", ("log_density", "factor"))  # the mean, and the trial's own factor
 Drawn = namedtuple("Drawn", ("variation",))  # at the node above, in standard deviations
 Bank = namedtuple("Bank", ("bank",))
@@ -108,12 +111,54 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
     )
 
 
+@jitable
 def entry_watch(watched, sensed) -> EntryWatched:
-    """Largest aerodynamic load and lowest altitude."""
+    """Largest aerodynamic load, lowest and highest altitude."""
     load = np.sqrt(sensed.drag * sensed.drag + sensed.lift * sensed.lift)
     return EntryWatched(
         load if load > watched.max_load else watched.max_load,
         sensed.altitude if sensed.altitude < watched.min_altitude else watched.min_altitude,
+        sensed.altitude if sensed.altitude > watched.max_altitude else watched.max_altitude,
+    )
+
+
+def entry_store(sensed, command: Bank) -> EntryStored:
+    """What laws are told, which is the true state here, and what they command."""
+    return EntryStored(
+        sensed.altitude,
+        sensed.velocity,
+        sensed.flight_path_angle,
+        sensed.azimuth,
+        sensed.latitude,
+        sensed.longitude,
+        sensed.range,
+        sensed.crossrange,
+        sensed.density,
+        sensed.drag,
+        sensed.lift,
+        command.bank,
+    )
+
+
+def entry_finish(time, sensed, watched) -> EntryFinal:
+    """The end, which the largest load and the lowest and highest altitude include."""
+    whole = entry_watch(watched, sensed)
+    return EntryFinal(
+        time,
+        sensed.altitude,
+        sensed.velocity,
+        sensed.flight_path_angle,
+        sensed.azimuth,
+        sensed.latitude,
+        sensed.longitude,
+        sensed.range,
+        sensed.crossrange,
+        sensed.density,
+        sensed.drag,
+        sensed.lift,
+        whole.max_load,
+        whole.min_altitude,
+        whole.max_altitude,
     )
 
 
@@ -127,7 +172,16 @@ def frame_of(start):
     return tuple(tuple(map(float, direction)) for direction in (up, ahead, np.cross(ahead, up)))
 
 
-ENTRY = Flight(entry_rates, look_up=look_up, vary=vary, sense=entry_sense, watch=entry_watch, watch_steps=True)
+ENTRY = Flight(
+    entry_rates,
+    look_up=look_up,
+    vary=vary,
+    sense=entry_sense,
+    store=entry_store,
+    watch=entry_watch,
+    finish=entry_finish,
+    watch_steps=True,
+)
 
 # ---- lander ----------------------------------------------------------------------------------------------------------
 
@@ -135,18 +189,21 @@ ENTRY = Flight(entry_rates, look_up=look_up, vary=vary, sense=entry_sense, watch
 _STATE = ("downrange", "altitude", "downrange_velocity", "vertical_velocity", "mass")
 LanderState = namedtuple("LanderState", _STATE)
 LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrust", "largest_thrust", "thrust_scale"))
-LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise"))
+LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise", "dry_mass"))
 LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
 Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
 Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
 def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
-    """Powered descent over flat ground (`models.dynamics.powered_descent`), the thrust within its limits."""
+    """Powered descent over flat ground (`models.dynamics.powered_descent`), the thrust within its limits.
+
+    Without propellant there is no thrust.
+    """
     wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
     given = vehicle.smallest_thrust if wanted < vehicle.smallest_thrust else wanted
     given = vehicle.largest_thrust if given > vehicle.largest_thrust else given
-    scale = vehicle.thrust_scale * given / wanted
+    scale = vehicle.thrust_scale * given / wanted if state.mass > p.dry_mass else 0.0
     changes = powered_descent_rates(
         state,
         (scale * command.thrust_downrange, scale * command.thrust_vertical),

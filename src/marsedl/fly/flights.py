@@ -8,35 +8,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.fly.campaign import NOT_FINITE, Campaign
-from marsedl.fly.declared import resolve
+from marsedl.fly.campaign import AT_ONCE, NOT_FINITE, Campaign
+from marsedl.fly.declared import is_number, resolve
 from marsedl.fly.vehicles import END_TIME
+from marsedl.montecarlo.statistics import TAIL, order_interval
+from marsedl.words import missing, require
 
 __all__ = ["Flights", "OneFlight", "order_interval"]
 
-TAIL = 10  # flights that have to lie beyond a percentile for its interval
 _GOAL = re.compile(r"p(\d+(?:\.\d+)?) of (\w+) within (\d+(?:\.\d+)?(?:e[+-]?\d+)?) ?(\S+)")
 
 
-def order_interval(samples, level, confidence=0.95):
-    """Distribution-free confidence interval of a quantile, between two order statistics (David, Nagaraja 2003, 7.1).
+def _require_count(number, name):
+    require(
+        isinstance(number, int | np.integer) and number >= 1,
+        f"{name} must be a whole number of at least 1, got {number!r}",
+    )
 
-    The number of samples below the quantile is binomial, so that the ranks are quantiles of it.
 
-    Args:
-        samples: (count,). level: within (0, 1). confidence: least probability that the interval holds the quantile.
+def _require_confidence(confidence):
+    require(
+        is_number(confidence) and 0.0 < confidence < 1.0,
+        f"confidence is {confidence!r}; give a share between 0 and 1, such as 0.95",
+    )
 
-    Returns:
-        Tuple of both ends; NaN where fewer than `TAIL` samples lie beyond the level on either side.
-    """
-    from scipy.stats import binom
 
-    ordered = np.sort(np.asarray(samples, float))
-    count, tail = ordered.size, 0.5 * (1.0 - confidence)
-    if count * min(level, 1.0 - level) < TAIL * (1.0 - 1e-12):
-        return np.nan, np.nan
-    low, high = int(binom.ppf(tail, count, level)), int(binom.ppf(1.0 - tail, count, level)) + 1
-    return (ordered[low - 1], ordered[high - 1]) if low >= 1 and high <= count else (np.nan, np.nan)
+def _needed(level):
+    """Flights that an interval of this percentile takes. Raises ValueError for what is no percentage."""
+    require(0.0 < level < 100.0, f"level {level:g} is no percentage between 0 and 100")
+    share = level / 100.0
+    return int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-6))
 
 
 class OneFlight(NamedTuple):
@@ -50,7 +51,11 @@ class OneFlight(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flights:
-    """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name."""
+    """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name.
+
+    These are the true state, and what laws are told besides; where `sense` has told laws another number under the name
+    of a state, that one is `sensed_<name>`.
+    """
 
     campaign: Campaign
     numbers: np.ndarray  # (quantities, trials)
@@ -62,16 +67,24 @@ class Flights:
     def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
         """Fly; says how many flights the model did not cover. Raises ValueError as `fly`."""
         for name, number in (("trials", trials), ("processes", how[0])):
-            if not isinstance(number, int | np.integer) or number < 1:
-                raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
-        flights = cls(campaign, *campaign.fly_all(0, int(trials), *how), how)
-        lost = np.flatnonzero(flights.outcome == NOT_FINITE)
-        sentences = [f"{lost.size:,} flights became not finite; replay({lost[0]}) shows one"] if lost.size else []
-        if campaign.model.warn:
-            sentences += campaign.model.warn(campaign.p, flights.final)
+            _require_count(number, name)
+        return cls(campaign, *campaign.fly_all(0, int(trials), *how), how)._told()
+
+    def _told(self):
+        """These flights; warns of those that the model did not cover."""
+        sentences = []
+        for outcome in (NOT_FINITE, AT_ONCE, *self.campaign.failures(self.numbers)):
+            lost = np.flatnonzero(self.outcome == outcome)
+            if lost.size:
+                sentences.append(
+                    f"{lost.size:,} of {self.trials:,} flights: {outcome}; replay({lost[0]}) shows one, statistics "
+                    f"leave them out"
+                )
+        if self.campaign.model.warn:
+            sentences += self.campaign.model.warn(self.campaign.p, self.final)
         for sentence in sentences:
-            warnings.warn(sentence, stacklevel=3)
-        return flights
+            warnings.warn(sentence, stacklevel=4)
+        return self
 
     def __repr__(self):
         """How many, and how they ended."""
@@ -85,7 +98,7 @@ class Flights:
     @cached_property
     def final(self) -> dict[str, np.ndarray]:
         """Final numbers of all flights by name, each (trials,), in SI units."""
-        return dict(zip(self.campaign.flight().parts["final"]._fields, self.numbers, strict=True))
+        return self.campaign.final(self.numbers)
 
     def outcomes(self) -> dict[str, int]:
         """How many flights ended in which way, the most frequent first."""
@@ -94,6 +107,11 @@ class Flights:
 
     def values(self, name) -> np.ndarray:
         """A final number of all flights, in the unit of its suffix. Raises ValueError for an unknown one."""
+        require(
+            isinstance(name, str),
+            f"quantity of type {type(name).__name__}: give a name; of numbers of your own, take numpy.quantile and "
+            f"montecarlo.statistics.order_interval",
+        )
         base, factor = resolve(name, {name: self._meaning(name)[0] for name in self.final}, "quantity")
         return self.final[base] / factor
 
@@ -102,7 +120,10 @@ class Flights:
         suffix = name.rpartition("_")[2]
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
-        return (self.campaign.model.quantities | END_TIME).get(name, ("", name))
+        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("sensed_")
+        if name not in known and base in known:
+            return known[base][0], f"{known[base][1]}, as laws are told"
+        return known.get(name, ("", name))
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""
@@ -127,17 +148,18 @@ class Flights:
         import pandas as pd
 
         counted, left_out = self._counted()
+        _require_confidence(confidence)
+        require(
+            all(map(is_number, np.atleast_1d(levels))), f"levels are {levels!r}; give numbers of per cent, such as 99"
+        )
         if 0.5 <= (largest := np.max(levels)) < 1.0:
             warnings.warn(f"levels are per cent: for {largest:.0%} write {100.0 * largest:g}", stacklevel=2)
         rows = []
         for name in [names] if isinstance(names, str) else names:
             samples = self.values(name)[counted]
             for level in np.atleast_1d(levels):
-                if not 0.0 < level < 100.0:
-                    raise ValueError(f"level {level:g} is no percentage between 0 and 100")
-                share = level / 100.0
+                needed, share = _needed(level), level / 100.0
                 lower, upper = order_interval(samples, share, confidence)
-                needed = int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-6))
                 few = f"{samples.size:,} flights; an interval takes {needed:,}" if samples.size < needed else ""
                 value = np.quantile(samples, share) if samples.size else np.nan
                 note = "; ".join(filter(None, (few, left_out)))
@@ -149,19 +171,25 @@ class Flights:
 
         The half-width of its 95 % interval shall be at most this share of its value, or this much in its unit ("within
         200 m", "p1 of altitude_km within 0.1 km"). The number of flights doubles each time; the first ones are kept.
+        As it looks after each doubling and stops once the interval is narrow, the interval holds the percentile a
+        little less often than 95 % says; where that matters, look again with `extended`.
 
         Raises:
-            ValueError: for a goal of another form, and for one that at_most flights do not reach.
+            ValueError: for a goal of another form, and for one that at_most flights do not reach; then the error's
+                `flights` are those that were flown.
         """
-        match = _GOAL.fullmatch(goal.strip())
-        if not match:
-            raise ValueError(f"goal {goal!r} is not of the form 'p99 of range within 5 %', or 'within 200 m'")
+        match = _GOAL.fullmatch(goal.strip()) if isinstance(goal, str) else None
+        require(match, f"goal {goal!r} is not of the form 'p99 of range within 5 %', or 'within 200 m'")
         level, name, width, unit = float(match[1]), match[2], float(match[3]), match[4]
         self.values(name)
         own = self._meaning(name)[0]
-        if unit not in ("%", own):
-            raise ValueError(f"goal {goal!r}: {name} is in {own}; write '%' or '{own}'")
-        flights = self
+        require(unit in ("%", own), f"goal {goal!r}: {name} is in {own}; write '%' or '{own}'")
+        _require_count(at_most, "at_most")
+        flights, needed = self, _needed(level)
+        require(
+            at_most >= needed,
+            f"goal {goal!r}: an interval of p{level:g} takes {needed:,} flights; at_most is {at_most:,}",
+        )
         while True:
             row = flights.percentiles([name], [level]).iloc[0]
             reached = 0.5 * (row["upper"] - row["lower"])
@@ -169,24 +197,35 @@ class Flights:
             if reached <= wanted:
                 return flights
             if flights.trials >= at_most:
-                raise ValueError(
-                    f"{goal!r} is not reached by {flights.trials:,} flights: {reached:.3g} for {wanted:.3g}"
+                width = f"the half-width is {reached:.3g} {own}, wanted are {wanted:.3g} {own}"
+                none = f"an interval takes {needed:,} flights that end as they should"
+                near_zero = f"; of a value of {row['value']:.3g} {own} ask for a width in {own}" if unit == "%" else ""
+                error = ValueError(
+                    f"{goal!r} is not reached by {flights.trials:,} flights: "
+                    f"{none if np.isnan(reached) else width + near_zero}; the error's `flights` holds them"
                 )
+                error.flights = flights
+                raise error
             flights = flights.extended(min(2 * flights.trials, at_most))
 
     def extended(self, trials) -> "Flights":
-        """The same flights and further ones, up to this number of trials."""
+        """The same flights and further ones, up to this number of trials. Raises ValueError for no more than now."""
+        _require_count(trials, "trials")
+        require(
+            trials > self.trials, f"extended takes more trials than the {self.trials:,} that are flown, got {trials:,}"
+        )
         more = self.campaign.fly_all(self.trials, trials, *self.how)
         pairs = zip((self.numbers, self.outcome, self.histories), more, strict=True)
         joined = (None if new is None else np.concatenate([old, new], axis=-1) for old, new in pairs)
-        return Flights(self.campaign, *joined, self.how)
+        return Flights(self.campaign, *joined, self.how)._told()
 
     def against(self, other, names=None, confidence=0.95):
         """Mean differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
 
         Args:
             other: `Flights` of as many trials. names: quantities; by default all that both have.
-            confidence: of the intervals of the mean differences.
+            confidence: of the intervals of the mean differences, by Student's t. The differences are to be normal,
+                or many.
 
         Returns:
             Data frame with columns quantity, unit, difference (mean of these minus the other), lower, upper, deviation
@@ -196,20 +235,22 @@ class Flights:
             ValueError: for flights of another seed or number, or an unknown quantity.
         """
         import pandas as pd
-        from scipy.special import ndtri
+        from scipy.special import stdtrit
 
+        _require_confidence(confidence)
+        require(isinstance(other, Flights), f"against takes Flights, not {type(other).__name__}")
         mine, others = ((flights.trials, flights.campaign.seed) for flights in (self, other))
-        if mine != others:
-            raise ValueError(
-                f"these are {mine[0]:,} flights of seed {mine[1]}, the others {others[0]:,} of seed {others[1]}: fly "
-                f"both with the same seed and trials, so that they meet the same errors"
-            )
+        require(
+            mine == others,
+            f"these are {mine[0]:,} flights of seed {mine[1]}, the others {others[0]:,} of seed {others[1]}: fly "
+            f"both with the same seed and trials, so that they meet the same errors",
+        )
         both, rows = self._counted()[0] & other._counted()[0], []
         for name in names if names is not None else [name for name in self.final if name in other.final]:
             first, second = self.values(name)[both], other.values(name)[both]
             difference, count = first - second, int(both.sum())
             deviation = difference.std(ddof=1) if count > 1 else np.nan
-            width = ndtri(0.5 + 0.5 * confidence) * deviation / np.sqrt(count) if count else np.nan
+            width = stdtrit(count - 1, 0.5 + 0.5 * confidence) * deviation / np.sqrt(count) if count > 1 else np.nan
             mean = difference.mean() if count else np.nan
             varies = count > 1 and first.std() > 0 and second.std() > 0
             correlation = np.corrcoef(first, second)[0, 1] if varies else np.nan
@@ -219,6 +260,7 @@ class Flights:
 
     def worst(self, name, count=10):
         """Data frame of the flights whose final number lies farthest from the median, the farthest first."""
+        _require_count(count, "count")
         counted, _ = self._counted()
         samples = self.values(name)
         distance = np.where(counted, np.abs(samples - np.median(samples[counted])), -1.0)
@@ -236,8 +278,10 @@ class Flights:
         """
         import pandas as pd
 
-        if not isinstance(trial, int | np.integer) or not 0 <= trial < self.trials:
-            raise ValueError(f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}")
+        require(
+            isinstance(trial, int | np.integer) and 0 <= trial < self.trials,
+            f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}",
+        )
         campaign, trial = self.campaign, int(trial)
         step = campaign.period / campaign.substeps
         flown = campaign.fly(range(trial, trial + 1), step, in_python)
@@ -245,7 +289,7 @@ class Flights:
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
-        return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]))
+        return OneFlight(trial, history, final, str(campaign.outcomes(flown, range(trial, trial + 1))[0]))
 
     def to_pandas(self):
         """Data frame of the final numbers and the outcome of every flight, in SI units."""
@@ -259,7 +303,10 @@ class Flights:
 
         A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
         """
-        import xarray
+        try:
+            import xarray
+        except ModuleNotFoundError as error:
+            raise missing(error, "results") from None
 
         def described(dimensions, values, name):
             unit, meaning = self._meaning(name)

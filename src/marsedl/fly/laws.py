@@ -3,16 +3,17 @@
 import inspect
 import warnings
 from collections import namedtuple
+from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import NamedTuple, get_args, get_type_hints
+from typing import NamedTuple, get_args
 
 import numpy as np
 
-from marsedl.compiling import jitable
-from marsedl.fly.declared import resolve
+from marsedl.fly.declared import SUFFIXES, is_number, resolve
 from marsedl.fly.vehicles import parts_of
-from marsedl.words import described, remedy
+from marsedl.models.density_table import number_of, read_table
+from marsedl.words import described, remedy, require
 
 __all__ = ["Above", "Below", "GainTable"]
 
@@ -41,7 +42,8 @@ class GainTable:
 
     with the columns sigma (`bank`), k (`bank_per_range`) and R (`range`), and the range R now.
 
-    All are in SI units, linear between rows and constant beyond them. Columns `bank_cosine` and `bank_cosine_per_range`
+    All are in SI units and radians, or have a suffix: `range_km`, `bank_deg`; gains are in SI units. They are linear
+    between rows and constant beyond them. Columns `bank_cosine` and `bank_cosine_per_range`
     give the cosine instead, cut to -1 and 1.
 
     Args:
@@ -53,43 +55,68 @@ class GainTable:
         """Read the table and check it. Raises ValueError for a column that is missing, not finite or not monotone."""
         name = str(source) if isinstance(source, str | Path) else "the gain table"
         if isinstance(source, str | Path):
-            if not Path(source).is_file():
-                raise ValueError(f"{name}: there is no such gain table; check the path")
-            try:
-                cells = np.genfromtxt(source, delimiter=",", names=True, dtype=float, comments="#", ndmin=1)
-            except ValueError:
-                raise ValueError(f"{name}: write numbers under a line of names, separated by commas") from None
-            source = {column: cells[column] for column in cells.dtype.names}
+            header, lines, rows = read_table(name, "gain table")
+            source = {
+                column: [
+                    number_of(cells[place], column, f"{name}, line {n}") for n, cells in zip(lines, rows, strict=True)
+                ]
+                for place, column in enumerate(header)
+            }
         columns = {str(key): np.asarray(source[key], float) for key in source}
-        if against not in columns:
-            raise ValueError(f"{name}: column {against!r} is missing; {remedy(against, columns)}")
+        require(against in columns, f"{name}: column {against!r} is missing; {remedy(against, columns)}")
         for column, values in columns.items():
-            if values.shape != columns[against].shape or values.size < 2 or not np.isfinite(values).all():
-                raise ValueError(
-                    f"{name}: column {column!r} must hold finite numbers, as many as {against!r}, at least 2"
-                )
+            require(
+                values.shape == columns[against].shape and values.size >= 2 and np.isfinite(values).all(),
+                f"{name}: column {column!r} must hold finite numbers, as many as {against!r}, at least 2",
+            )
         steps = np.diff(columns[against])
-        if not ((steps > 0.0).all() or (steps < 0.0).all()):
-            raise ValueError(f"{name}: column {against!r} must strictly rise or fall; sort the rows by it")
+        require(
+            (steps > 0.0).all() or (steps < 0.0).all(),
+            f"{name}: column {against!r} must strictly rise or fall; sort the rows by it",
+        )
         order = np.argsort(columns[against])
         self.name, self.against, self.nodes = name, against, columns.pop(against)[order]
         self.columns = {column: values[order] for column, values in columns.items()}
 
+    def in_si(self, units):
+        """The same table in SI units, without suffixes. Raises ValueError for an angle of more than a turn.
+
+        Args:
+            units: those of what the law is told and commands, by name.
+        """
+        table, columns = copy(self), {}
+        for column, values in ({self.against: self.nodes} | self.columns).items():
+            suffixed = column.endswith((*SUFFIXES,)) and "_per_" not in column
+            base, factor = resolve(column, units, f"{self.name}: column") if suffixed else (column, 1.0)
+            require(base not in columns, f"{self.name}: column {base!r} is given twice; give it once")
+            columns[base] = factor * values
+            largest = np.abs(columns[base]).max()
+            require(
+                units.get(base) != "rad" or largest <= 2.0 * np.pi,
+                f"{self.name}: column {column!r} holds {largest:g} rad, more than a turn; for degrees name it "
+                f"'{base}_deg'",
+            )
+        table.against, table.nodes = next(iter(columns.items()))
+        table.columns = dict([*columns.items()][1:])
+        return table
+
     def commanded(self, told, commands):
         """Columns that hold the commands, or their cosines. Raises ValueError for columns that fit neither."""
-        if self.against != "time" and self.against not in told:
-            raise ValueError(f"{self.name}: the law is not told {self.against!r}; {remedy(self.against, told)}")
+        require(
+            self.against in ("time", *told),
+            f"{self.name}: the law is not told {self.against!r}; {remedy(self.against, told)}",
+        )
         cosines = [name for name in commands if f"{name}_cosine" in self.columns]
         columns = [f"{name}_cosine" if name in cosines else name for name in commands]
         gains = {f"{column}_per_{quantity}": quantity for column in columns for quantity in told}
         for column in self.columns:
-            if column not in (*columns, *told, *gains):
-                raise ValueError(
-                    f"{self.name}: column {column!r} is unknown; {remedy(column, (*columns, *told, *gains))}"
-                )
-        needed = [*columns, *(quantity for gain, quantity in gains.items() if gain in self.columns)]
-        if missing := [column for column in needed if column not in self.columns]:
-            raise ValueError(f"{self.name}: column {missing[0]!r} is missing, a command or the reference of a gain")
+            known = (*columns, *told, *gains)
+            require(column in known, f"{self.name}: column {column!r} is unknown; {remedy(column, known)}")
+        for column in (*columns, *(quantity for gain, quantity in gains.items() if gain in self.columns)):
+            require(
+                column in self.columns,
+                f"{self.name}: column {column!r} is missing, a command or the reference of a gain",
+            )
         return tuple(columns)
 
 
@@ -119,82 +146,70 @@ def bind(law, flight, nominal, units) -> Bound:
         ValueError: for a law that is none of these, asks for what it is not told, or returns no command.
     """
     if flight.guides:
-        if law is not None and not hasattr(law, "_fields"):
-            raise ValueError("the model has guidance of its own: law takes its parameters, a NamedTuple, or nothing")
+        require(
+            law is None or hasattr(law, "_fields"),
+            "the model has guidance of its own: law takes its parameters, a NamedTuple, or nothing",
+        )
         return Bound(("own",), () if law is None else law)
     if law is None and "command" not in inspect.signature(flight.functions["rates"]).parameters:
         return Bound(("none",), ())
+    from marsedl.montecarlo.flights.binding import LOCAL, chains, hints
+
     told, command = told_by(flight), _command_of(flight)
     if isinstance(law, GainTable):
+        law = law.in_si(units([*told._fields, *command._fields]) | {"time": "s"})
         commanded, values = law.commanded(told._fields, command._fields), np.array([*law.columns.values()])
         first, last, begins = law.nodes[0], law.nodes[-1], nominal.get(law.against, law.nodes[0])
         if not first <= begins <= last:
             held = "whose nearest row is held until then"
             warnings.warn(f"flights start at {law.against} {begins:g}, beyond {law.name}, {held}", stacklevel=4)
         return Bound(("table", law.against, tuple(law.columns), commanded), Gains(law.nodes, values))
-    if law is None or isinstance(law, int | float | tuple):
+    if law is None or isinstance(law, int | float | np.number | tuple):
         numbers = (0.0,) * len(command._fields) if law is None else law if isinstance(law, tuple) else (law,)
-        if len(numbers) != len(command._fields) or not np.isfinite(numbers).all():
-            names = ", ".join(command._fields)
-            raise ValueError(f"law {law!r}: a constant command is {len(command._fields)} numbers: {names}")
-        for (name, unit), number in zip(units(command._fields).items(), numbers, strict=True):
-            if unit == "rad" and abs(number) > 2.0 * np.pi:
-                raise ValueError(f"law {law!r}: {name} is {number:g} rad, more than a turn; give it in radians")
+        require(
+            len(numbers) == len(command._fields) and all(map(is_number, numbers)),
+            f"law {law!r}: a constant command is {len(command._fields)} numbers: {', '.join(command._fields)}; they "
+            f"are finite",
+        )
+        check_angles(f"law {law!r}", command._fields, numbers, units)
         return Bound(("constant",), command(*map(float, numbers)))
     function, given = (law.func, law.keywords) if isinstance(law, partial) else (law, {})
     function = getattr(function, "py_func", function)
-    if not inspect.isfunction(function) or {*given} - {"law"}:
-        raise ValueError(
-            f"law {law!r} is none: give a function, partial(function, law=parameters), a GainTable or a constant"
-        )
+    require(
+        inspect.isfunction(function) and {*given} <= {"law"} and not getattr(law, "args", ()),
+        f"law {law!r} is none: give a function, partial(function, law=parameters), a GainTable or a constant",
+    )
     asked = inspect.signature(function).parameters
     parameters = given.get("law", asked["law"].default if "law" in asked else ())
-    if parameters is inspect.Parameter.empty:
-        raise ValueError(
-            f"{described(function)} asks for 'law', its parameters: give them as partial({function.__name__}, law=...) "
-            f"or as the argument's default"
-        )
-    kinds = get_args(get_type_hints(function).get("return"))
+    require(
+        parameters is not inspect.Parameter.empty,
+        f"{described(function)} asks for 'law', its parameters: give them as partial({function.__name__}, law=...) "
+        f"or as the argument's default",
+    )
+    kinds = get_args(hints(function).get("return"))
     remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
     offered = ("time", "law", "vehicle", "sensed", *told._fields)
     for name in () if remembers else asked:
-        if name not in offered:
-            raise ValueError(
-                f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}"
-            )
-    result = _try_once(function, asked, kinds if remembers else (command,), told, nominal, parameters)
-    several = len(command._fields) > 1 or isinstance(result, tuple)
-    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked), several), parameters)
+        require(name != "memory", f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`")
+        require(
+            name in offered,
+            f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}",
+        )
+    for read in [read[1] for read in chains(function.__code__, LOCAL) if read[0] == "sensed" and read[1:]]:
+        require(
+            hasattr(told, read),
+            f"{described(function)} asks for sensed.{read}, of which it is not told; {remedy(read, told._fields)}",
+        )
+    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked)), parameters)
 
 
-def _try_once(function, asked, kinds, told, nominal, parameters):
-    """Ask a law once, so that a wrong one is told before anything is compiled. Returns its answer, None without one.
-
-    It is told the nominal start, and one for all else: what goes wrong with such numbers is left to the flight.
-    """
-    sensed = told(*(nominal.get(name, 1.0) for name in told._fields))
-    offered = sensed._asdict() | {"sensed": sensed, "time": 0.0, "law": parameters}
-    if len(kinds[-1]._field_defaults) == len(kinds[-1]._fields):
-        offered["memory"] = kinds[-1]()
-    if not all(name in offered for name in asked):
-        return None
-    try:
-        result = function(*(offered[name] for name in asked))
-    except (ArithmeticError, TypeError, ValueError):
-        return None
-    except AttributeError as error:
-        if error.obj is not sensed:
-            raise
-        unknown = f"asks for sensed.{error.name}, of which it is not told"
-        raise ValueError(f"{described(function)} {unknown}; {remedy(error.name, told._fields)}") from None
-    parts = ((*result,) if isinstance(result, tuple) else (result,),) if len(kinds) == 1 else result
-    sizes = [len(part) if isinstance(part, tuple) else None for part in parts] if isinstance(parts, tuple) else []
-    if sizes != [len(kind._fields) for kind in kinds] or not all(
-        isinstance(number, int | float | np.number) for part in parts for number in part
-    ):
-        wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
-        raise ValueError(f"{described(function)} returned {result!r}; it must return {wanted}")
-    return result
+def check_angles(said, names, numbers, units):
+    """Raise ValueError for an angle of more than a turn among commands: it is given in degrees."""
+    for (name, unit), number in zip(units(names).items(), numbers, strict=True):
+        require(
+            unit != "rad" or not abs(number) > 2.0 * np.pi,
+            f"{said}: {name} is {number:g} rad, more than a turn; give it in radians",
+        )
 
 
 def told_by(flight):
@@ -203,12 +218,14 @@ def told_by(flight):
 
 
 def _command_of(flight):
+    from marsedl.montecarlo.flights.binding import hints
+
     rates = flight.functions["rates"]
-    command = get_type_hints(rates).get("command")
-    if not hasattr(command, "_fields"):
-        raise ValueError(
-            f"{described(rates)} takes no command: let it ask for 'command', annotated with the NamedTuple of a law"
-        )
+    command = hints(rates).get("command")
+    require(
+        hasattr(command, "_fields"),
+        f"{described(rates)} takes no command: let it ask for 'command', annotated with the NamedTuple of a law",
+    )
     return command
 
 
@@ -241,18 +258,22 @@ def trigger_of(trigger, flight, nominal, units):
         ValueError: for a quantity that is not of the state, or is beyond the trigger at the start.
     """
     if trigger is None or callable(trigger):
-        if trigger is not None and "ended" in flight.classes:
-            raise ValueError("the model ends its flights itself: leave trigger out, or bind the flight without `ended`")
+        require(
+            trigger is None or "ended" not in flight.classes,
+            "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
+        )
         named = trigger or flight.functions["ended"]
         return trigger, None, f"ended: {named.__name__}" if named else "completed"
-    if not isinstance(trigger, Below | Above):
-        raise ValueError(f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function")
+    require(
+        isinstance(trigger, Below | Above),
+        f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function",
+    )
     name, factor = resolve(trigger.quantity, units, "trigger")
     sign, word = (1.0, "below") if isinstance(trigger, Below) else (-1.0, "above")
+    require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
     end = End(tuple(sign if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
     text = f"{trigger.quantity} {word} {trigger.value:g}"
-    if sign * nominal[name] <= end.value:
-        raise ValueError(f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
+    require(sign * nominal[name] > end.value, f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
     return "falls", end, f"ended: {text}"
 
 
@@ -272,6 +293,7 @@ def completed(flight, law, trigger):
         flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
     """
     from marsedl.montecarlo.flights import Flight, Nothing
+    from marsedl.montecarlo.flights.binding import hints
 
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
     parts.setdefault("sense", _made("(state):\n    return state", told))
@@ -285,22 +307,25 @@ def completed(flight, law, trigger):
         elif kind == "table":
             parts |= _of_table(*details, told, command, returns)
         else:
-            function, asked, several = details
+            function, asked = details
             arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
             needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
-            star = "*" if several else ""
-            text = f"({needed}):\n    return Command({star}law_of_user({arguments})), ()"
-            parts["guide"] = _made(text, returns, function, Command=command, law_of_user=jitable(function))
+            text = f"({needed}):\n    return law_of_user({arguments}), ()"
+            parts["guide"] = _made(text, returns, function, law_of_user=function)
     if trigger is not None:
         terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
         falls = f"(state, p):\n    return {' + '.join(terms)} - p.end.value"
         parts["ended"] = trigger if callable(trigger) else _made(falls, float)
-    guide, sensed = parts["guide"], dict.fromkeys(told._fields, "sensed")
+    guide = parts["guide"]
     guide = guide[0] if isinstance(guide, tuple) else guide
-    commands = get_args(get_type_hints(guide)["return"])[0]._fields if guide else ()
-    parts.setdefault("store", _gathered(sensed | {name: "command" for name in commands if name not in sensed}))
-    watched = dict.fromkeys(flight.parts["watched"]._fields, "watched")
-    parts.setdefault("finish", _gathered(sensed | watched, "time"))
+    commands = get_args(hints(guide)["return"])[0]._fields if guide else ()
+    state = flight.parts["state"]._fields
+    held = {name: f"state.{name}" for name in state}  # the truth; what is told of it has names of its own
+    if "sense" in flight.classes:
+        held |= {f"sensed_{name}" if name in state else name: f"sensed.{name}" for name in told._fields}
+    parts.setdefault("store", _gathered(held | {name: f"command.{name}" for name in commands if name not in held}))
+    watched = {name: f"watched.{name}" for name in flight.parts["watched"]._fields}
+    parts.setdefault("finish", _gathered(held | watched, "time"))
     return Flight(**parts)
 
 
@@ -333,8 +358,8 @@ def _of_table(against, columns, commanded, told, command, returns):
 
 
 def _gathered(fields, *first):
-    """The function that returns these fields of these parts, after (first) the time as `end_time`."""
+    """The function that returns fields of parts, name by name, after (first) the time as `end_time`."""
     kind = namedtuple("Gathered", (*("end_time" for _ in first), *fields))
-    arguments = ", ".join((*first, *dict.fromkeys(fields.values())))
-    values = ", ".join((*first, *(f"{part}.{name}" for name, part in fields.items())))
+    arguments = ", ".join((*first, *dict.fromkeys(field.partition(".")[0] for field in fields.values())))
+    values = ", ".join((*first, *fields.values()))
     return _made(f"({arguments}):\n    return Kind({values})", kind, Kind=kind)

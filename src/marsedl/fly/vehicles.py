@@ -1,12 +1,29 @@
 """What flies: the two vehicles that come with the package, and a model of one's own."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from marsedl.fly.declared import MARS, Declared, Exponential, Markov, Normal, Planet, Table, Uniform, declare
+from marsedl.fly.declared import (
+    MARS,
+    NOT_NEGATIVE,
+    POSITIVE,
+    QUARTER_TURN,
+    Declared,
+    Exponential,
+    Markov,
+    Normal,
+    Planet,
+    Table,
+    Uniform,
+    declare,
+    is_number,
+    require_numbers,
+)
+from marsedl.words import require
 
 __all__ = ["Entry", "Lander", "Model"]
 
@@ -25,8 +42,9 @@ ENTRY_QUANTITIES = {
     "drag": ("m/s^2", "drag acceleration"),
     "lift": ("m/s^2", "lift acceleration"),
     "bank": ("rad", "bank angle; positive turns the heading clockwise"),
-    "max_load": ("m/s^2", "largest aerodynamic acceleration at the start of a step"),
-    "min_altitude": ("m", "lowest altitude at the start of a step"),
+    "max_load": ("m/s^2", "largest aerodynamic acceleration at the start of a step or the end"),
+    "min_altitude": ("m", "lowest altitude at the start of a step or the end"),
+    "max_altitude": ("m", "highest altitude at the start of a step or the end"),
     "ballistic_coefficient": ("kg/m^2", "ballistic coefficient m / (C_D A)"),
     "lift_to_drag": ("1", "lift-to-drag ratio"),
 }
@@ -45,6 +63,16 @@ LANDER_QUANTITIES = {
     "largest_thrust": ("N", "largest thrust"),
     "thrust_scale": ("1", "true over commanded thrust"),
 }
+ENTRY_BOUNDS = {
+    **dict.fromkeys(("ballistic_coefficient", "velocity"), POSITIVE),
+    **dict.fromkeys(("flight_path_angle", "latitude"), QUARTER_TURN),
+}
+LANDER_BOUNDS = {
+    **dict.fromkeys(("mass", "specific_impulse", "largest_thrust"), POSITIVE),
+    **dict.fromkeys(("smallest_thrust", "thrust_scale"), NOT_NEGATIVE),
+}
+ROUNDING = 1e-6  # m, by which a trigger may miss the ground
+SPACING = 250.0  # of the nodes of the mean density, m, where no row of a table needs a smaller one
 END_TIME = {"end_time": ("s", "time at which the flight ended")}
 MARTIAN_AIR = Exponential()
 Number = float | Normal | Uniform
@@ -63,6 +91,12 @@ class Model:
         nodes: of the trials' own air, if the flight has `vary`.
         complete: function (p, nominal start by name) -> p, for parameters that depend on the start.
         warn: function (p, final values by name) -> sentences on flights that left what the model covers.
+        bounds: lowest and highest value of numbers of the start and the vehicle; a flight that draws others is refused.
+        failed: function (p, final values by name) -> mapping from outcomes to the flights that have them, (trials,);
+            these do not count in statistics.
+
+    `final` and histories hold the state, which is the truth, under its names. What `sense` returns is what laws are
+    told; where it has the name of a state, results hold it as `sensed_<name>`.
     """
 
     flight: Any
@@ -72,6 +106,8 @@ class Model:
     nodes: int = 0
     complete: Callable = None
     warn: Callable = None
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    failed: Callable = None
 
     def model(self) -> "Model":
         """The model itself."""
@@ -88,18 +124,19 @@ class Model:
     def declared_start(self, start) -> Declared:
         """Initial state, checked: see `declared.declare`."""
         state = self.flight.parts["state"]
-        return declare(start, self.units(state._fields), state._field_defaults, "start")
+        return declare(start, self.units(state._fields), state._field_defaults, "start", self.bounds)
 
     def declared_vehicle(self) -> Declared:
         """Vehicle, checked."""
         names = getattr(self.vehicle, "_fields", ())
-        return declare(dict(zip(names, self.vehicle, strict=True)), self.units(names), {}, "vehicle")
+        given = dict(zip(names, self.vehicle, strict=True))
+        return declare(given, self.units(names), {}, "vehicle", self.bounds)
 
 
 def parts_of(flight) -> dict[str, Any]:
     """Arguments that bind a `Flight` again; what the engine stores by default, the state, is left to it."""
-    functions = {role: flight.functions[role] for role in flight.classes}
-    parts = {role: made for role, made in functions.items() if made.__name__ != "the_state"}
+    functions = ((role, flight.functions[role]) for role in flight.classes)
+    parts = {role: function for role, function in functions if function.__name__ != "the_state"}
     return {**parts, "guide": flight.guides or None, **flight.options}
 
 
@@ -122,7 +159,9 @@ class Entry:
         planet: `Planet`.
         air: mean density: `Exponential`, `Table`, or None for no air.
         variation: of the density, `Markov`, or None.
-        nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, log-linear between them.
+        nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, log-linear between them;
+            by default they hold all rows of a table and the start. Flights beyond them are told.
+        ground: altitude, m; flights that get below it are told. None: there is no ground.
     """
 
     ballistic_coefficient: Number
@@ -130,37 +169,74 @@ class Entry:
     planet: Planet = MARS
     air: Exponential | Table | None = MARTIAN_AIR
     variation: Markov | None = None
-    nodes: tuple[float, float, float] = (-5e3, 150e3, 250.0)
+    nodes: tuple[float, float, float] | None = None
+    ground: float | None = 0.0
 
     def model(self) -> Model:
         """The model that flies."""
         from marsedl.fly import dynamics
 
-        altitude = np.arange(self.nodes[0], self.nodes[1] + self.nodes[2], self.nodes[2])
-        log_density = np.full(altitude.size, -700.0) if self.air is None else self.air.log_density(altitude)
+        _require_planet(self.planet)
         varied = (0.0, 1.0, 0.0, np.zeros(2))
         if self.variation is not None:
             retention = np.exp(-self.variation.spacing / self.variation.correlation_length)
             bottom, spacing = float(self.variation.bottom), float(self.variation.spacing)
             varied = (bottom, spacing, float(retention), self.variation.deviations())
-        mean = (float(self.nodes[0]), float(self.nodes[2]), np.asarray(log_density, float))
         return Model(
             dynamics.ENTRY,
-            p=dynamics.EntryParameters(*map(float, self.planet), *mean, *varied, frame=()),
+            p=dynamics.EntryParameters(*map(float, self.planet), *self._mean_air(), *varied, frame=()),
             vehicle=dynamics.EntryVehicle(self.ballistic_coefficient, self.lift_to_drag),
             quantities=ENTRY_QUANTITIES,
             nodes=len(varied[3]),
-            complete=lambda p, start: p._replace(frame=dynamics.frame_of(start)),
-            warn=_below_the_air,
+            complete=self._completed,
+            warn=self._told,
+            bounds=ENTRY_BOUNDS,
         )
 
-
-def _below_the_air(p, final):
-    if count := int((final["min_altitude"] < p.bottom).sum()):
-        yield (
-            f"{count:,} flights went below {p.bottom:g} m, the lowest node of the air: its density continues along its "
-            f"last slope there; a trigger such as Below('altitude', 0.0) ends them before"
+    def _mean_air(self, start=0.0):
+        """Lowest node, spacing and logarithms of the density at the nodes; start: altitude, m."""
+        rows = self.air.rows()[:, 0] if isinstance(self.air, Table) else np.array([-5e3, 150e3])
+        spacing = min(SPACING, np.diff(rows).min())
+        bottom = -5e3 - spacing * np.ceil(max(-5e3 - rows[0], 0.0) / spacing)
+        nodes = self.nodes or (bottom, max(150e3, rows[-1], start + 25e3), spacing)
+        require(
+            len(nodes) == 3 and all(map(is_number, nodes)) and 0.0 < nodes[1] - nodes[0] <= 1e6 * nodes[2],
+            f"nodes {nodes}: give altitudes (lowest, highest, spacing) in m, at most a million, or leave them out",
         )
+        altitude = np.arange(nodes[0], nodes[1] + nodes[2], nodes[2])
+        log_density = np.full(altitude.size, -700.0) if self.air is None else self.air.log_density(altitude)
+        return float(nodes[0]), float(nodes[2]), np.asarray(log_density, float)
+
+    def _completed(self, p, start):
+        """Parameters that depend on the start. Warns of a start beyond the table of air, or in other units."""
+        from marsedl.fly import dynamics
+
+        bottom, spacing, log_density = self._mean_air(start["altitude"])
+        altitude, velocity = start["altitude"], start["velocity"]
+        lowest, *_, highest = self.air.rows()[:, 0] if isinstance(self.air, Table) else (-np.inf, np.inf)
+        doubts = {
+            f"an altitude of {altitude:g} m, beyond the rows of the table of air, {lowest:g} to {highest:g} m: its "
+            f"last slope goes on there": not lowest <= altitude <= highest,
+            f"a velocity of {velocity:g} m/s: is it in km/s?": velocity < 20.0,
+        }
+        for doubt in (words for words, is_so in doubts.items() if is_so):
+            warnings.warn(f"flights start at {doubt}", stacklevel=5)
+        return p._replace(frame=dynamics.frame_of(start), bottom=bottom, spacing=spacing, log_density=log_density)
+
+    def _told(self, p, final):
+        """Sentences on flights beyond the nodes of the air, and under the ground."""
+        top = p.bottom + p.spacing * (len(p.log_density) - 1)
+        low = final["min_altitude"] < p.bottom
+        ends = {"lowest": (low, p.bottom), "highest": (final["max_altitude"] > top, top)}
+        for word, (beyond, node) in ends.items() if self.air is not None else ():
+            if count := int(beyond.sum()):
+                yield (
+                    f"{count:,} flights went {'below' if word == 'lowest' else 'above'} {node:g} m, the {word} node of "
+                    f"the air: its density continues along its last slope there; a trigger ends them before, such as "
+                    f"Below('altitude', 0.0), or Entry(nodes=...) reaches farther"
+                )
+        if not low.any():
+            yield from _under_the_ground(final["min_altitude"], self.ground)
 
 
 @dataclass(frozen=True)
@@ -168,13 +244,16 @@ class Lander:
     """Powered descent in a plane over flat ground, with the mass of its propellant; the law commands the thrust.
 
     Start: downrange, altitude (m), downrange_velocity, vertical_velocity (m/s) and mass (kg), of which laws are told.
-    The command, thrust_downrange and thrust_vertical (N), is scaled to the limits of its magnitude.
+    The command, thrust_downrange and thrust_vertical (N), is scaled to the limits of its magnitude. One of zero
+    gives no thrust, whatever the smallest thrust is, as it has no direction. Flights that burn all of their propellant
+    go on without thrust, are called "out of propellant" and count in no statistics.
 
     Args:
         largest_thrust, smallest_thrust: N. specific_impulse: s. thrust_scale: true over commanded thrust, 1. All may be
             dispersed.
         thrust_noise: white noise of both components of the force, N s^(1/2).
-        gravity: m/s^2.
+        gravity: m/s^2. dry_mass: that of the vehicle without propellant, kg.
+        ground: altitude, m; flights that end below it are told. None: there is no ground.
     """
 
     largest_thrust: Number
@@ -183,15 +262,45 @@ class Lander:
     thrust_scale: Number = 1.0
     thrust_noise: float = 0.0
     gravity: float = 3.71
+    dry_mass: float = 0.0
+    ground: float | None = 0.0
 
     def model(self) -> Model:
         """The model that flies."""
         from marsedl.fly import dynamics
 
         vehicle = (self.specific_impulse, self.smallest_thrust, self.largest_thrust, self.thrust_scale)
+        p = dynamics.LanderParameters(self.gravity, self.thrust_noise, self.dry_mass)
+        require_numbers(p, "Lander")
         return Model(
             dynamics.LANDER,
-            p=dynamics.LanderParameters(float(self.gravity), float(self.thrust_noise)),
+            p=dynamics.LanderParameters(*map(float, p)),
             vehicle=dynamics.LanderVehicle(*vehicle),
             quantities=LANDER_QUANTITIES,
+            warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
+            bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
+            failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
         )
+
+
+def _under_the_ground(altitude, ground):
+    """A sentence on flights below the ground."""
+    if ground is not None and (count := int((altitude < ground - ROUNDING).sum())):
+        yield (
+            f"{count:,} flights went below the ground at {ground:g} m, down to {np.nanmin(altitude):g} m: a trigger "
+            f"such as Below('altitude', {ground:g}) ends them there; ground={ground - 4e3:g} says where else it is, "
+            f"ground=None that there is none"
+        )
+
+
+def _require_planet(planet):
+    """Refuse a planet whose numbers are dispersed, or in other units than SI."""
+    require_numbers(planet, "planet")
+    gravity = planet.gravitational_parameter / planet.radius**2
+    require(
+        planet.radius >= 1e5
+        and 1e-3 < gravity < 1e3
+        and (planet.rotation_rate * planet.radius) ** 2 < 2 * gravity * planet.radius,
+        f"{planet}: its radius, its gravity of {gravity:.3g} m/s^2 or its rotation are no planet's; give m^3/s^2, "
+        f"m and rad/s",
+    )

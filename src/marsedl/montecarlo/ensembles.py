@@ -3,8 +3,7 @@
 A paper writes a function `simulate_block(first_trial, last_trial) -> Trajectories`, around `flights.Flight.fly` or in
 numpy. `run_blocks` simulates a chunk of trials block by block and reduces each block at once, so memory does not grow
 with the histories; `merge` joins all chunks. Blocks have a fixed size and are merged in their order: the result is
-bitwise the same for every number of chunks. Both keep every final state; `reduce_blocks` keeps only what its caller
-makes of a block.
+bitwise the same for every number of chunks. Both keep every final state.
 """
 
 import functools
@@ -245,21 +244,6 @@ def run_blocks(
         "maximum_over_trials": maximum_over_trials,
         **{name: np.concatenate([trials[name] for trials in trials_of_blocks]) for name in trials_of_blocks[0]},
     }
-
-
-def reduce_blocks(simulate_block: SimulateBlock, first_trial, last_trial, reduce, join, *, block_size=BLOCK_SIZE):
-    """Reduce the trials [first_trial, last_trial) to what a caller wants of them; memory does not grow with the trials.
-
-    reduce: `reduce(trajectories) -> part`, a summary of the trials of one block. join: `join(part, part) -> part`,
-    associative, of two neighbouring parts; it also joins the results of chunks.
-    Returns the parts of all blocks joined from left to right. Raises ValueError if there are no trials.
-    """
-    if last_trial <= first_trial:
-        raise ValueError(f"last_trial ({last_trial}) must exceed first_trial ({first_trial})")
-    firsts = range(first_trial, last_trial, block_size)
-    return functools.reduce(
-        join, (reduce(simulate_block(first, min(first + block_size, last_trial))) for first in firsts)
-    )
 
 
 def chunk_bounds(trials, chunks, block_size=BLOCK_SIZE):

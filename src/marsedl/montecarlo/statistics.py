@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-TAIL = 10  # samples that have to lie beyond a percentile for its standard error
+TAIL = 10  # samples that have to lie beyond a percentile for its interval and its standard error
+NORMAL_TAIL = 50  # from which on the normal distribution of a percentile's error holds
+_THREE_ERRORS = 0.9973002039367398  # the chance that a normal number lies within three standard deviations
 
 
 def central_moments(samples):
@@ -110,14 +112,42 @@ def covariance_standard_errors(samples):
     return np.sqrt(variance_of_covariance)
 
 
+def order_interval(samples, level, confidence=0.95):
+    """Distribution-free confidence interval of a quantile, between two order statistics (David, Nagaraja 2003, 7.1).
+
+    The number of samples below the quantile is binomial, so that the ranks are quantiles of it.
+
+    Args:
+        samples: (count,). level: within (0, 1). confidence: least probability that the interval holds the quantile.
+
+    Returns:
+        Tuple of both ends; NaN where fewer than `TAIL` samples lie beyond the level on either side.
+    """
+    from scipy.stats import binom
+
+    ordered = np.sort(np.asarray(samples, float))
+    count, tail = ordered.size, 0.5 * (1.0 - confidence)
+    if not _enough(count, level):
+        return np.nan, np.nan
+    low, high = int(binom.ppf(tail, count, level)), int(binom.ppf(1.0 - tail, count, level)) + 1
+    return (ordered[low - 1], ordered[high - 1]) if low >= 1 and high <= count else (np.nan, np.nan)
+
+
+def _enough(count, level, tail=TAIL):
+    """Whether so many samples lie beyond a percentile; 10 of 100 lie beyond 90 %, though 0.1 is no binary number."""
+    return count * min(level, 1.0 - level) >= tail * (1.0 - 1e-12)
+
+
 def percentile(samples, level):
     """Sample percentile (linear interpolation) and its Maritz-Jarrett standard error (Maritz, Jarrett 1978).
 
     The error is the standard deviation of the order statistics weighted by Beta(m, N - m + 1), m = floor(level N +
     1/2): exactly that of a bootstrap of the m-th order statistic with infinitely many resamples.
 
-    At the end of a small sample this error is far too small. So it is NaN if fewer than `TAIL` samples lie beyond the
-    percentile: a 99th percentile has one from a thousand samples on. Without any sample the value is NaN too.
+    Where fewer than `NORMAL_TAIL` samples lie beyond the percentile, this error is too small, as the percentile is far
+    from normal. There the error is a third of the way to the farther end of the exact interval that holds the
+    percentile as often as three standard errors do (`order_interval`, 99.73 %). It is NaN if fewer than `TAIL` samples
+    lie beyond: a 99th percentile has an error from a thousand samples on. Without any sample the value is NaN too.
 
     samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels, and
     for samples that are NaN.
@@ -128,14 +158,16 @@ def percentile(samples, level):
     count = ordered.size
     if missing := int(np.isnan(ordered).sum()):
         raise ValueError(f"{missing} of {count} samples are NaN: leave them out, or say on which side they count")
-    if round(count * min(level, 1.0 - level)) < TAIL:
-        return (float(np.quantile(ordered, level)) if count else np.nan), np.nan
+    value = float(np.quantile(ordered, level)) if count else np.nan
+    if not _enough(count, level, NORMAL_TAIL):
+        low, high = order_interval(ordered, level, _THREE_ERRORS)
+        return value, float(max(high - value, value - low) / 3.0)
     rank = min(max(int(level * count + 0.5), 1), count)
     weights = _order_weights(rank, count)
     # About the middle, or the difference of two large squares would lose digits.
     deviation = ordered - ordered[rank - 1]
     spread = weights @ deviation**2 - (weights @ deviation) ** 2
-    return float(np.quantile(ordered, level)), float(np.sqrt(max(spread, 0.0)))
+    return value, float(np.sqrt(max(spread, 0.0)))
 
 
 @lru_cache(maxsize=16)  # they take longer than all the rest, and ensembles have few sizes

@@ -20,7 +20,6 @@ __all__ = [
     "enclosed_growths",
     "proven_bound",
     "proven_stages",
-    "stage_enclosure",
 ]
 
 # Relative allowance for rounding outside of the models: of the Cholesky factors of the shapes, and of b at samples.
@@ -118,26 +117,6 @@ class EnclosedGrowth:
         return ProvenBound(total, self.truncation, self.remainder, rise)
 
 
-def stage_enclosure(loop, first, last, shape, rho, order):
-    """Flow over one stage of all deviations of an ellipsoid under all disturbances of the unit ball, enclosed.
-
-    Args:
-        loop: `ClosedLoop`.
-        first, last: nodes of the fine grid.
-        shape: P_k, (nx, nx), of V = 1/2 xb'P xb.
-        rho: level rho_k of the ellipsoid V <= rho_k, positive.
-        order: degree of the Taylor models.
-
-    Returns:
-        List of nx Taylor models of the whitened coordinates y and of w, with xb = sqrt(2 rho_k) L_k^-T y.
-
-    Raises:
-        ValueError: if the shape is not positive definite, rho not positive, or the domain is too large for a remainder.
-    """
-    (flow,) = _enclosures(loop, first, [last], shape, rho, order)
-    return flow
-
-
 def enclosed_growths(loop, first, nodes, shape, next_shapes, rho, order=3, model_order=None):
     """V / rho_k at nodes after a slice, enclosed over the slice and under all disturbances.
 
@@ -160,7 +139,8 @@ def enclosed_growths(loop, first, nodes, shape, next_shapes, rho, order=3, model
         List of `EnclosedGrowth`, one a node.
 
     Raises:
-        ValueError: as `stage_enclosure`, and for a model order below the order.
+        ValueError: if the shape is not positive definite, rho not positive, the domain too large for a remainder, or
+            the model order below the order.
     """
     model_order = order + 2 if model_order is None else model_order
     if model_order < order:

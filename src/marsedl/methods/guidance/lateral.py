@@ -12,7 +12,6 @@ __all__ = [
     "PRINTED",
     "bank_direction",
     "deadband",
-    "heading_alignment",
     "heading_alignment_limit",
     "heading_alignment_ratio",
     "limited_heading_alignment",
@@ -61,8 +60,8 @@ def bank_direction(direction, crossrange, width):
 
 
 @jitable
-def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
-    r"""Bank command that points the heading at the target, within +-limit (Eq. 58).
+def heading_alignment_ratio(downrange_angle, crossrange_angle, form):
+    r"""The ratio of a bank command that points the heading at the target (Eq. 58).
 
         $\text{CORRECTED:} \quad \sigma = -K \, \arctan(\epsilon / \delta_\text{go})$
         $\text{PRINTED:} \quad \sigma = +K \, \arctan(\delta_\text{go} / \epsilon)$
@@ -72,20 +71,11 @@ def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
 
     Args:
         downrange_angle, crossrange_angle: $\delta_\text{go}$, $\epsilon$ of `targeting.targeting`, rad.
-        gain: K, 1.
-        limit: largest bank, rad.
         form: CORRECTED or PRINTED.
 
     Returns:
-        $\sigma$, rad.
+        Numerator and denominator of the ratio, the latter not negative.
     """
-    angle = np.arctan2(*heading_alignment_ratio(downrange_angle, crossrange_angle, form))
-    return limited_heading_alignment(angle, gain, limit, form)
-
-
-@jitable
-def heading_alignment_ratio(downrange_angle, crossrange_angle, form):
-    """The ratio whose arctangent `heading_alignment` takes: its numerator and denominator, the latter not negative."""
     swapped = form != CORRECTED
     numerator = downrange_angle if swapped else crossrange_angle
     denominator = crossrange_angle if swapped else downrange_angle
@@ -95,7 +85,17 @@ def heading_alignment_ratio(downrange_angle, crossrange_angle, form):
 
 @jitable
 def limited_heading_alignment(angle, gain, limit, form):
-    """Bank command of `heading_alignment` from the arctangent of its ratio, rad."""
+    """Bank command of Eq. 58 within +-limit.
+
+    Args:
+        angle: arctangent of the ratio of `heading_alignment_ratio`, rad.
+        gain: K, 1.
+        limit: largest bank, rad.
+        form: CORRECTED or PRINTED.
+
+    Returns:
+        Bank, rad.
+    """
     command = gain * angle if form == PRINTED else -gain * angle
     return np.minimum(np.maximum(command, -limit), limit)
 

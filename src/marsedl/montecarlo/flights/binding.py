@@ -1,13 +1,18 @@
 """What functions of a model may ask for and return, and the kernel that is cached for exactly these functions."""
 
+import dis
+import enum
 import hashlib
 import inspect
 import types as python_types
+from collections import ChainMap
+from functools import cache
 from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from marsedl.words import described, remedy
+from marsedl.compiling import renew
+from marsedl.words import described, remedy, require
 
 _PLACE = ("half_index", "time", "cycle", "state", "found")
 _SCENE = (*_PLACE, "guided", "sensed", "command", "memory", "vehicle", "p")
@@ -47,6 +52,13 @@ WRITTEN = PARTS | {"rates": ("slope",)} | {role: (name,) for role, name in NUMBE
 """Lane arrays to which the numbers go that a function of each role returns."""
 
 _FOREIGN = ("numpy", "numba", "llvmlite")
+_HIDDEN = ("random", "numpy.random", "secrets", "time", "datetime")  # modules whose answers no trial owns
+_FORMAT = "2"  # of kernels on disk; those of the first may hold other numbers than their names say
+_FOLLOWED = (
+    *(int, float, complex, str, bytes, type(None), np.generic, np.ndarray, tuple, type, enum.Enum),
+    *(python_types.FunctionType, python_types.BuiltinFunctionType, python_types.ModuleType),
+)
+_LARGEST = 10**6  # bytes of an array beyond which numba reads it where it lies
 
 
 class Nothing(NamedTuple):
@@ -66,12 +78,21 @@ def asked(function, role):
     return names
 
 
+def hints(function):
+    """Annotations of a function by name; names in strings may be local to the functions that run now."""
+    try:
+        return get_type_hints(function)
+    except NameError:
+        frames = (frame.frame.f_locals for frame in inspect.stack(0))
+        return get_type_hints(function, localns=ChainMap(_space(function).maps[0], *frames))
+
+
 def returned(function, role):
     """Named tuples, or float or bool, that a function is annotated to return: one, or those of a tuple.
 
     Raises ValueError without such an annotation.
     """
-    kind = get_type_hints(function).get("return")
+    kind = hints(function).get("return")
     kinds = get_args(kind) or (kind,)
     wanted = {"guide": 2, "vary": 2}.get(role, 1)
     numbers = {"ended": 1, "vary": 1, "interrupts": 1, "phase": 1}.get(role, 0)
@@ -132,18 +153,97 @@ def compiled(function, role, kinds, *, masked=False, single=False):
     return inline_called_njit(space["loop"])
 
 
-# ---- the cached kernel -----------------------------------------------------------------------------------------------
+# ---- what is compiled, and with which values -------------------------------------------------------------------------
+
+
+def _space(function):
+    """What the names in a function's code mean: its closure, before its globals."""
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    return ChainMap({name: cell.cell_contents for name, cell in cells}, function.__globals__)
+
+
+_NOT_LOCAL = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
+LOCAL = ("LOAD_FAST", "LOAD_FAST_CHECK", "LOAD_FAST_BORROW")
+
+
+@cache
+def chains(code, kinds=_NOT_LOCAL):
+    """Names that code loads so, each with the attributes that follow: ("np", "random", "normal")."""
+    found, chain = [], ()
+    for part in _codes(code):
+        for step in dis.get_instructions(part):
+            if step.opname in ("LOAD_ATTR", "LOAD_METHOD") and chain:
+                chain = (*chain, step.argval)
+            elif step.opname != "EXTENDED_ARG":
+                found.append(chain)
+                chain = (step.argval,) if step.opname in kinds else ()
+    return tuple(filter(None, dict.fromkeys(found)))
+
+
+def _reads(function):
+    """Dotted names that a function reads, and their values; of a module alone all that its code names."""
+    space, names = _space(function), [name for code in _codes(function.__code__) for name in code.co_names]
+    for name, *attributes in chains(function.__code__):
+        found = [(name, space[name], attributes)] if name in space else []
+        for path, value, further in found:
+            yield path, value
+            if inspect.ismodule(value) and (further or not is_foreign(value)):
+                members = further[:1] or names
+                found += [(f"{path}.{key}", getattr(value, key), further[1:]) for key in members if hasattr(value, key)]
+
+
+def is_foreign(value):
+    """Whether a module, or what a value belongs to, is a package whose functions numba knows and nobody edits."""
+    module = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+    return str(module).partition(".")[0] in _FOREIGN
+
+
+def renew_helpers(function, done):
+    """Let numba compile again all helpers of a function, down to the last one, that read other numbers than before.
+
+    Args:
+        function: of a model. done: set of the helpers that were looked at; helpers are added to it.
+
+    Raises ValueError for what a compiled flight cannot follow: random numbers, clocks, lists, objects.
+    """
+    for path, value in _reads(function):
+        for member in value if isinstance(value, tuple) else (value,):
+            _check(member, f"{described(function)} reads {path}")
+            helper = getattr(member, "py_func", member)
+            if inspect.isfunction(helper) and not is_foreign(helper) and helper not in done:
+                done.add(helper)
+                renew(member, digest(member))
+                renew_helpers(helper, done)
+
+
+def _check(value, reads):
+    owner = getattr(value, "__self__", value)
+    modules = getattr(value, "__module__", ""), owner.__name__ if inspect.ismodule(owner) else type(owner).__module__
+    require(
+        not any(f"{module}.".startswith(f"{hidden}.") for module in modules for hidden in _HIDDEN),
+        f"{reads}, whose answers belong to no trial, so that a replay would be another flight: disperse the start, "
+        f"the vehicle or the air, or remember a number in the law's memory",
+    )
+    followed = isinstance(value, _FOLLOWED) or is_foreign(type(value))
+    is_large = isinstance(value, np.ndarray) and value.nbytes > _LARGEST
+    require(
+        followed and not is_large and not hasattr(value, "_dispatcher"),
+        f"{reads}, a {type(value).__name__} whose changes a compiled flight does not see: read numbers, arrays of "
+        f"at most 1 MB, NamedTuples and functions, and give all else as law=parameters",
+    )
 
 
 def digest(*roots):
     """Digest of the code and constants that functions reach: bytecode, globals, closures, defaults, classes' fields.
 
     Numba itself compares the file of the outermost function alone. Here an edited helper or constant in any file makes
-    another kernel; a comment does not. Of numpy and numba the names count.
+    another kernel, and so does a value that changes while a program runs; a comment does not. Of numpy and numba the
+    names count.
     """
-    seen, parts = {}, []
+    seen, parts = {}, [_FORMAT]
 
     def visit(value):
+        parts.append(repr(getattr(value, "targetoptions", "")))
         value = getattr(value, "py_func", value)
         if isinstance(value, int | float | complex | str | bytes | None | np.generic):
             parts.append(repr(value))  # each time: what two functions share may stand in either's place
@@ -152,15 +252,15 @@ def digest(*roots):
             parts.append(f"again {seen[id(value)][0]}")
             return
         seen[id(value)] = len(seen), value  # kept, so that no other object gets its id
-        if (getattr(value, "__module__", None) or "").startswith(_FOREIGN):
+        if is_foreign(value):
             parts.append(getattr(value, "__qualname__", type(value).__qualname__))
         elif isinstance(value, python_types.FunctionType):
-            visit(value.__code__)
-            visit(value.__defaults__)
-            names = sorted({name for code in _codes(value.__code__) for name in code.co_names})
-            reach(names, value.__globals__)
-            for cell in value.__closure__ or ():
-                visit(cell.cell_contents)
+            for member in (value.__code__, value.__defaults__, value.__kwdefaults__):
+                visit(member)
+            for path, member in _reads(value):
+                parts.append(path)
+                if not isinstance(member, python_types.ModuleType):
+                    visit(member)
         elif isinstance(value, python_types.MethodType):
             visit(value.__func__)
             visit(value.__self__)
@@ -170,36 +270,31 @@ def digest(*roots):
             for constant in value.co_consts:
                 visit(constant)
         elif isinstance(value, np.ndarray):
-            parts.append(f"{value.dtype}{value.shape}{value.tobytes().hex()}")
+            parts.append(f"{value.dtype}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}")
         elif isinstance(value, type):
             parts.append(value.__qualname__ + repr(getattr(value, "_fields", "")))
             visit(getattr(value, "_field_defaults", None))
+            visit([(member.name, member.value) for member in value] if issubclass(value, enum.Enum) else None)
         elif isinstance(value, dict):
             for key, member in value.items():
                 parts.append(repr(key))
                 visit(member)
-        elif isinstance(value, tuple | list | frozenset):
-            parts.append(f"{type(value).__name__} of {len(value)}")
-            for member in sorted(value, key=repr) if isinstance(value, frozenset) else value:
+        elif isinstance(value, tuple | list | set | frozenset):
+            parts.append(f"{type(value).__name__}{getattr(value, '_fields', '')} of {len(value)}")
+            for member in sorted(value, key=repr) if isinstance(value, set | frozenset) else value:
                 visit(member)
-        elif hasattr(value, "__dict__"):
+        elif isinstance(value, enum.Enum):
+            visit(value.value)
+        elif hasattr(value, "__wrapped__") or is_foreign(type(value)):
             parts.append(type(value).__qualname__)
-            visit(vars(value))
-
-    def reach(names, space):
-        for name in names:
-            if name not in space:
-                continue
-            parts.append(name)
-            found = space[name]
-            if not isinstance(found, python_types.ModuleType):
-                visit(found)
-            elif not found.__name__.startswith(_FOREIGN):
-                reach(names, vars(found))
+            visit(getattr(value, "__dict__", None))
 
     for root in roots:
         visit(root)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+# ---- the cached kernel -----------------------------------------------------------------------------------------------
 
 
 def _codes(code):

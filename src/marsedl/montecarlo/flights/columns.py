@@ -7,8 +7,8 @@ a loop over the lanes becomes vector code.
 Everything here rests on numba's intrinsics and on `numba.np.arrayobj`: docs/compiled_flights.md lists what is touched.
 """
 
+import inspect
 from functools import cache
-from typing import get_type_hints
 
 import numpy as np
 from llvmlite import ir
@@ -54,19 +54,23 @@ def getter(kind):
 def putter(kind, function):
     """Compiled `put(values, array, lane, chosen)`: writes what `function` returned where `chosen` is true or None.
 
-    Raises numba's TypingError for values of another number than `kind` has fields.
+    Of a class with one field the number alone will do. Raises numba's TypingError for other values than numbers, or of
+    another number than `kind` has fields.
     """
     count, name = len(kind._fields), function.__name__
 
     @intrinsic
     def put(typing_context, values, array, lane, chosen):
-        if not isinstance(values, types.BaseTuple) or len(values) != count:
+        alone = isinstance(values, types.Number | types.Boolean)
+        members = (values,) if alone else values if isinstance(values, types.BaseTuple) else ()
+        if len(members) != count or not all(isinstance(member, types.Number | types.Boolean) for member in members):
             raise TypingError(f"{name} must return the {count} numbers of {kind.__name__}, got {values}")
 
         def generate(context, builder, signature, arguments):
-            values_type, array_type = signature.args[:2]
-            for row, member in enumerate(values_type):
-                number = context.cast(builder, builder.extract_value(arguments[0], row), member, types.float64)
+            array_type = signature.args[1]
+            for row, member in enumerate(members):
+                value = arguments[0] if alone else builder.extract_value(arguments[0], row)
+                number = context.cast(builder, value, member, types.float64)
                 place = _address(context, builder, array_type, arguments[1], row, arguments[2])
                 if chosen is not types.none:
                     number = builder.select(arguments[3], number, builder.load(place))
@@ -122,8 +126,10 @@ def borrowed(typing_context, array):
 
 @cache
 def _floats(kind):
-    hints = get_type_hints(kind)
-    return tuple(hints.get(name) is float for name in kind._fields)
+    written = {name: hint for base in kind.__mro__[::-1] for name, hint in inspect.get_annotations(base).items()}
+    return tuple(
+        getattr(written.get(name), "__forward_arg__", written.get(name)) in (float, "float") for name in kind._fields
+    )
 
 
 def flat(value):

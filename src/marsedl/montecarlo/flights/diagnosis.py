@@ -23,8 +23,7 @@ def explained(error, flight, arguments, options):
     One guidance period is flown in Python first: what goes wrong there is raised as it is.
     """
     p, schedule, start = arguments
-    first = schedule._replace(start=schedule.start[:2], step=schedule.step[:1], steps=schedule.steps[:1])
-    flight.fly_in_python(p, first, start, trial=options.get("first_trial", 0), **options)
+    flight.fly_in_python(p, schedule.first_period(), start, trial=options.get("first_trial", 0), **options)
     message = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
     places = re.findall(r'File "([^"]+)", line (\d+)|Raised from (\S+) \((\d+)\)', message)
     places = [(a or b, line or other) for a, line, b, other in places]
@@ -38,7 +37,7 @@ def explained(error, flight, arguments, options):
     )
     return TypeError(
         f"numba cannot compile {file}, line {line}: {reason}. Write the model with numbers, NamedTuples, arrays and "
-        "the functions of numpy that numba knows; what a function calls must be marked by jitable"
+        "the functions of numpy that numba knows"
     )
 
 

@@ -4,12 +4,12 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
-from marsedl.montecarlo.flights.binding import PARTS, asked
+from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.loop import END_ITERATIONS, narrowed
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
-from marsedl.words import described
+from marsedl.words import described, require
 
 
 def fly(flight, trial, given):
@@ -19,11 +19,9 @@ def fly(flight, trial, given):
     earlier = start if isinstance(start, Trajectories) else None
     start = earlier.final_state if earlier else start
     width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, given.trials)
-    if not first_trial <= trial:
-        raise ValueError(f"trial {trial} comes before the first one, {first_trial}")
+    require(first_trial <= trial, f"trial {trial} comes before the first one, {first_trial}")
     own = trial - first_trial if width > 1 else 0
-    if own >= width:
-        raise ValueError(f"trial {trial} is not among the {width} from {first_trial} on")
+    require(own < width, f"trial {trial} is not among the {width} from {first_trial} on")
     parts, noise_class, watch_steps = flight.parts, flight.options["noise"], flight.options["watch_steps"]
     first_state = table_of(start, width)[:, own : own + 1]
     if not earlier:
@@ -117,14 +115,29 @@ class _Model:
             return ()
         offered = self.now | changed
         result = function(*(offered[name] for name in asked(function, role)))
-        for kind, values in zip(PARTS.get(role, ()), result if role == "guide" else (result,), strict=False):
-            wanted = self.parts[kind]
-            if len(values) != len(wanted._fields):
-                raise ValueError(
-                    f"{described(function)} returned {len(values)} numbers for {wanted.__name__}, which has "
-                    f"{len(wanted._fields)}"
-                )
-        return result
+        if role not in PARTS:
+            return result
+        kinds = [self.parts[kind] for kind in PARTS[role]]
+        check_returned(function, result, kinds)
+        parts = result if len(kinds) > 1 else (result,)
+        parts = tuple(
+            part if isinstance(part, kind) else kind(*part) if isinstance(part, tuple) else kind(part)
+            for part, kind in zip(parts, kinds, strict=True)
+        )
+        return parts if len(kinds) > 1 else parts[0]
+
+
+def check_returned(function, result, kinds):
+    """Raise ValueError unless a function returned the numbers of a named tuple, or of several."""
+    if [*kinds[1:]] == [Nothing] and isinstance(result, tuple) and len(result) == 2:
+        result, kinds = result[0], kinds[:1]  # no memory, of which who wrote a law need not know
+    parts = result if len(kinds) > 1 and isinstance(result, tuple) else (result,)
+    sizes = [len(part) if isinstance(part, tuple) else 1 for part in parts]
+    numbers = [number for part in parts for number in (part if isinstance(part, tuple) else (part,))]
+    wrong = sizes != [len(kind._fields) for kind in kinds]
+    if wrong or not all(isinstance(number, int | float | complex | np.number | np.bool_) for number in numbers):
+        wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
+        raise ValueError(f"{described(function)} returned {result!r}; it must return {wanted}")
 
 
 def _slope(model, state, time, half_index):

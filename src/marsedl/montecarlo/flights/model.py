@@ -2,16 +2,26 @@
 
 import inspect
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.montecarlo.flights.binding import OFFERED, PARTS, Nothing, asked, digest, named_kernel, returned
+from marsedl.montecarlo.flights.binding import (
+    OFFERED,
+    PARTS,
+    Nothing,
+    asked,
+    digest,
+    named_kernel,
+    renew_helpers,
+    returned,
+)
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
-from marsedl.words import described
+from marsedl.words import described, require
 
 NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
 
@@ -36,6 +46,10 @@ class Schedule(NamedTuple):
         times = self.start[period] + (stored - first[period]) * self.step[period]
         return np.append(times, self.start[-1]) if self.stores_end else times
 
+    def first_period(self) -> "Schedule":
+        """The first guidance period alone."""
+        return self._replace(start=self.start[:2], step=self.step[:1], steps=self.steps[:1])
+
 
 def periods(end_time, period, steps, *, every=None, stores_end=True, cut=True) -> Schedule:
     """Equal guidance periods up to an end time.
@@ -47,11 +61,9 @@ def periods(end_time, period, steps, *, every=None, stores_end=True, cut=True) -
         cut: whether the last period ends at the end time, or is as long as the others.
 
     """
-    if not (end_time > 0 and period > 0):
-        raise ValueError(f"end_time and period must be positive, got {end_time} and {period}")
+    require(end_time > 0 and period > 0, f"end_time and period must be positive, got {end_time} and {period}")
     for name, value in (("steps", steps), ("every", every or 1)):
-        if value != int(value) or value < 1:
-            raise ValueError(f"{name} must be a whole number from 1 on, got {value}")
+        require(value == int(value) and value >= 1, f"{name} must be a whole number from 1 on, got {value}")
     start = np.arange(int(np.ceil(end_time / period - 1e-9))) * float(period)
     lengths = np.minimum(period, end_time - start) if cut else np.full(len(start), float(period))
     return Schedule(
@@ -107,19 +119,24 @@ class Flight:
                 asked(function, role)
         self.classes = {role: kind[0] for role, kind in kinds.items()}
         state = self.classes["rates"]
-        if len(self.guides) > 1 and not phase:
-            raise ValueError("a flight with several functions guide needs phase, which returns the number of one")
-        if len({*guided}) > 1:
-            raise ValueError(f"all functions guide must return the same two classes, got {guided}")
-        if interrupts and not guide:
-            raise ValueError("interrupts is asked whether guidance is due within a period; this flight has no guide")
-        if not hasattr(noise, "_fields"):
-            raise ValueError(f"noise is {noise!r}; give a NamedTuple class with a field for each of its components")
-        if self.classes.get("ended") is float and integrator is not runge_kutta_4:
-            raise ValueError(
-                f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
-                f"integrator return a bool, which ends a flight at the end of a step"
-            )
+        require(
+            len(self.guides) < 2 or phase,
+            "a flight with several functions guide needs phase, which returns the number of one",
+        )
+        require(len({*guided}) < 2, f"all functions guide must return the same two classes, got {guided}")
+        require(
+            guide or not interrupts,
+            "interrupts is asked whether guidance is due within a period; this flight has no guide",
+        )
+        require(
+            hasattr(noise, "_fields"),
+            f"noise is {noise!r}; give a NamedTuple class with a field for each of its components",
+        )
+        require(
+            self.classes.get("ended") is not float or integrator is runge_kutta_4,
+            f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
+            f"integrator return a bool, which ends a flight at the end of a step",
+        )
 
         def the_state(state):
             return state
@@ -271,15 +288,35 @@ class Flight:
         given.apply_defaults()
         return fly(self, trial, SimpleNamespace(**given.arguments))
 
-    def _kernel(self, *shapes):
-        if shapes not in self._kernels:
-            from marsedl.montecarlo.flights import loop
+    def reached(self):
+        """What the numbers of a flight depend on beside its arguments: the functions, as `digest` takes them."""
+        return (*self.functions.values(), *self.guides, self.options)
 
+    def renew(self):
+        """Let numba compile again what reads other numbers than before.
+
+        Raises ValueError for a function that reads what a compiled flight cannot follow, such as random numbers.
+        """
+        done = set()
+        for function in filter(None, (*self.functions.values(), *self.guides)):
+            renew_helpers(function, done)
+
+    def _kernel(self, *shapes):
+        from marsedl.montecarlo.flights import loop
+
+        key = digest(*self.reached(), shapes, _digest_of_loops())  # each time: what functions read may change
+        if key not in self._kernels:
+            self.renew()
             module = self.functions["rates"].__module__ or "__main__"
-            parts = (*self.functions.values(), *self.guides, self.options, loop.group_flight, loop.fly_groups, shapes)
-            key = digest(*parts)
-            self._kernels[shapes] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
-        return self._kernels[shapes]
+            self._kernels[key] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
+        return self._kernels[key]
+
+
+@cache
+def _digest_of_loops():
+    from marsedl.montecarlo.flights import loop
+
+    return digest(loop.group_flight, loop.fly_groups)
 
 
 def width_of(given, trials):
@@ -288,13 +325,12 @@ def width_of(given, trials):
     for name, parts in given.items():
         names = getattr(parts, "_fields", range(len(parts)))
         widths |= {f"{name}.{key}": np.shape(part)[0] for key, part in zip(names, parts, strict=True) if np.ndim(part)}
-    if len({*widths.values()}) > 1:
-        raise ValueError(
-            f"arrays must hold a number for each trial, got {', '.join(f'{k}: {v}' for k, v in widths.items())}"
-        )
+    require(
+        len({*widths.values()}) < 2,
+        f"arrays must hold a number for each trial, got {', '.join(f'{k}: {v}' for k, v in widths.items())}",
+    )
     width = next(iter(widths.values()), 1)
-    if width < 1:
-        raise ValueError(f"trials must be at least 1, got {width}")
+    require(width >= 1, f"trials must be at least 1, got {width}")
     return width
 
 
@@ -309,10 +345,10 @@ def table_of(parts, width, padded=None):
 
 def check_start(start, state, first_trial):
     """Raise ValueError for a start that has not the numbers of the state, or is not finite."""
-    if len(start) != len(state._fields):
-        raise ValueError(
-            f"start has {len(start)} numbers; the state has {len(state._fields)}: {', '.join(state._fields)}"
-        )
+    require(
+        len(start) == len(state._fields),
+        f"start has {len(start)} numbers; the state has {len(state._fields)}: {', '.join(state._fields)}",
+    )
     wrong = np.argwhere(~np.isfinite(start))
     if len(wrong):
         row, trial = wrong[0]
