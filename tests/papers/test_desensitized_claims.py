@@ -6,6 +6,7 @@ studies beside them are stand-ins with what claims look at.
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,11 +23,14 @@ from marsedl.papers.desensitized.claims.measures import (
 )
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import LAWS, RESHAPED
+from marsedl.replication.claims.claim import REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.rows import write_claims
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.units import DEGREE
 
+ROOT = Path(__file__).parents[2]
 PAPER = catalogue("desensitized")
 
 DECLARATIONS = claims_of("desensitized").declarations
@@ -49,6 +53,7 @@ BY_CONSTRUCTION = {
     *("nodoc_two_reversals", "nodoc_rate_within_bounds", "nodoc_accel_within_bounds", "fig04_fig05_same_trajectory"),
     *("dfdy_third_column_zero", "dr_column_e3", "dr_column_independent_of_scheme_and_shape", "dr_sensitivity_nodoc"),
     *("fig08_nofeedback_final_errors", "fig11_nofeedback_crossrange_1000m"),
+    *("cr_sensitivity_nodoc", "fig11_nofeedback_only_crossrange"),  # that flight, turned
 }
 DIFFERS = {"tab03_c0", "tab03_c0p01", "tab03_c0p1", "max_reduction_percent"}
 CLOSE = {"tab03_c0p001", "tab03_c1", "tab03_cinf_error"}
@@ -367,7 +372,6 @@ PARTS = [
         "fig05a_comparable_acceleration",
         of("responses", acceleration=lambda u: with_value(u, 0.5, RADIUS_LAW, times=True)),
     ),
-    ("dr_needs_feedback", of("gains", final=lambda f: with_value(f, 1.0, DOWNRANGE_LAW, 2, DOWNRANGE))),
     ("dr_gain_on_longitude_nonzero", of("gains", scaled_gain=lambda k: with_value(k, 0.0, DOWNRANGE_LAW))),
     ("fig07b_phase2_more_positive", deviating(DOWNRANGE, (140.0, 200.0), -1.0)),
     ("fig07b_phase3_smaller_bank", deviating(DOWNRANGE, (200.0, 240.0), -1.0)),
@@ -381,6 +385,45 @@ PARTS = [
     ("fig11_phase3_position_effects", drifting(CROSSRANGE, DOWNRANGE, 250.0, 100.0)),
     ("gains_perturbation_specific", of("gains", final=lambda f: with_value(f, 5.0, RADIUS_LAW, slice(None), RADIUS))),
 ]
+
+
+FLOWN = {  # claims on what feedback leaves: the field, law and channel of the flights that decide
+    "dr_needs_feedback": ("tabulated_error", DOWNRANGE_LAW, DOWNRANGE),
+    "cr_needs_feedback": ("tabulated_error", CROSSRANGE_LAW, CROSSRANGE),
+    "fig06_feedback_significantly_reduced": ("narrow_error", DOWNRANGE_LAW, DOWNRANGE),
+    "fig09_feedback_significantly_reduced": ("narrow_error", CROSSRANGE_LAW, CROSSRANGE),
+    "feedback_radius_greatly_reduced": ("error", RADIUS_LAW, RADIUS),
+}
+
+
+@pytest.mark.parametrize("name", FLOWN)
+def test_what_feedback_leaves_is_judged_by_one_test_of_flights(name, evaluations, evaluate, records):
+    """Whatever the gains do to the linear sensitivity, which they are solved for; in every reading the same test."""
+    margins = [of[name].margin for of in evaluations.values()]
+    assert {(margin.measure, margin.limit, margin.unit) for margin in margins} == {(margins[0].measure, 50.0, "%")}
+    field, law, channel = FLOWN[name]
+    unsolved = evaluate(**of("gains", final=lambda f: with_value(f, 1.0, law, channel, channel))(records))[name]
+    assert (unsolved.value, unsolved.margin) == (True, margins[0])
+    without = getattr(records["responses"], field)[0, channel]
+    left = evaluate(**of("responses", **{field: lambda e: with_value(e, 0.6 * without, law, channel)})(records))[name]
+    assert left.value is False and left.margin.value == pytest.approx(60.0, rel=0.05)
+
+
+def test_only_feedback_is_refuted_by_a_reshaped_trajectory_that_does_as_well(evaluate, records):
+    """A flight without feedback that ends as near as the one with it leaves nothing for feedback to reduce."""
+    reshaped = LAWS.index(RESHAPED)
+    for name, channel in (("dr_needs_feedback", DOWNRANGE), ("cr_needs_feedback", CROSSRANGE)):
+        as_well = records["responses"].tabulated_error[LAW_OF[channel], channel]
+        changed = of("responses", tabulated_error=lambda e, w=as_well, c=channel: with_value(e, w, reshaped, c))
+        assert evaluate(**changed(records))[name].value is False
+
+
+def test_what_cannot_fail_is_refuted_in_no_reading():
+    """In none of the readings of which the reference has verdicts."""
+    reference = json.loads((ROOT / "data" / "reference" / "desensitized.json").read_text())
+    for name, declared in DECLARATIONS.items():
+        if declared.by_construction:
+            assert not set(reference[f"verdicts/{name}"].values()) & {*REFUTED_VERDICTS, UNDECIDED}, name
 
 
 def test_with_one_reversal_there_is_no_last_one(evaluate, records):

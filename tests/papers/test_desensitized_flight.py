@@ -28,7 +28,7 @@ GAIN = np.array([-0.06, -0.02, 0.055, -0.03, 0.03, 0.08, 0.0, 0.0]) / SCALES  # 
 NARROW = 3.69e-3  # a bound that the nominal keeps and about half the trials reach
 # Deviations and density factors (within a tenth of 1) for these.
 SPREAD = np.array([100.0, 3e-5, 3e-5, 1.0, 1.0, 1.0, 0.01, 1e-5])
-NODES = atmosphere.uniform_nodes(atmosphere.temperature_pressure_fit)
+NODES = atmosphere.uniform_nodes(atmosphere.named_profile("temperature_pressure_fit"))
 CELLS = atmosphere.uniform_cells(NODES.log_density, NODES.slope, NODES.spacing)
 
 

@@ -1,6 +1,7 @@
 """Claims and tables of the random-field paper: everything printed has its evaluator, verdicts follow the numbers."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from marsedl.papers.random_field.records import CRASHED, VARIANTS, Convergence
 from marsedl.replication.claims.claim import COUNTED_VERDICTS
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.claims.writing import turned as turn
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.records.fields import quantities
 from marsedl.replication.records.tables import csv_text
@@ -304,10 +306,60 @@ def violated(a, share=0.02):
     return {"aerocapture": replace(ensemble, histogram=more)}
 
 
+@pytest.mark.parametrize("count", [0, 9, 27, 580, 2000])
+def test_the_error_of_a_share_is_its_own(count):
+    """Not that of a limit: among many it is the binomial one, of few it is larger, and none beyond have one too."""
+    trials, share, error = 2000, count / 2000, float(measures.share_error(count, 2000))
+    binomial = np.sqrt(share * (1 - share) / trials)
+    assert max(binomial, 2.2 / trials * (1 - 1e-3)) < error < 1.3 * binomial + 2.3 / trials
+    if count == 580:
+        assert error == pytest.approx(binomial, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("tails", "low", "high"),
+    [(stats.norm(0.0, 0.3), 1.0, 1.6), (stats.t(4.2, 0.0, 0.3), 0.7, 2.5)],
+    ids=["normal", "long"],
+)
+def test_the_error_of_three_sigma_holds_for_long_tails(tails, low, high):
+    """Against the scatter of many samples, of which a normal distribution explains a fraction."""
+    trials, edges = 2000, np.linspace(-1.0, 1.0, 41)
+    commands = tails.rvs((trials, 300), random_state=np.random.default_rng(5))
+
+    def error(command):
+        counts = np.histogram(command, [-np.inf, *edges, np.inf])[0]
+        ensemble = SimpleNamespace(
+            histogram=counts[np.newaxis, np.newaxis, np.newaxis],
+            histogram_edges=edges[np.newaxis, np.newaxis],
+            mean=np.full((1, 1, 6), command.mean()),
+            covariance=np.full((1, 1, 6, 6), command.var(ddof=1)),
+            observed_maximum=np.stack([command, np.abs(command) - 1.0], axis=1)[np.newaxis],
+        )
+        return measures.reach_error(ensemble, 0, 0)
+
+    scatter = (commands.mean(axis=0) + 3 * commands.std(axis=0, ddof=1)).std()
+    stated = np.median([error(command) for command in commands.T[:100]])
+    assert low < stated / scatter < high
+    gaussian = 3 * commands.std() / np.sqrt(2 * trials)
+    assert tails.dist.name == "norm" or gaussian < 0.5 * scatter
+
+
+@pytest.mark.parametrize(("beyond", "verdict"), [(0, "undetermined"), (1, "undetermined"), (100, "holds")])
+def test_saturation_is_that_of_more_than_one_of_the_papers_flights(
+    random_field, random_field_published, beyond, verdict
+):
+    records = artifacts(random_field, "corrected")
+    maximum = with_value(records["aerocapture"].observed_maximum, -0.1, LAST, slice(None), 1)
+    maximum[LAST, :beyond, 1] = 0.1
+    changed = {"aerocapture": replace(records["aerocapture"], observed_maximum=maximum)}
+    evaluation = evaluate(random_field, **changed)["acap_control_saturated"]
+    assert judge(random_field_published["acap_control_saturated"], evaluation).verdict == verdict
+
+
 def test_every_counted_claim_is_turned_by_its_counterexample(random_field, random_field_published, rows):
     records = artifacts(random_field, "corrected")
     given = Arguments(random_field.inputs("corrected").values, lambda name, kind: records.get(name))
-    turned = CLAIMS.turned(rows.values(), given, random_field_published)
+    turned = turn(CLAIMS, rows.values(), given, random_field_published)
     counted = {name for name, row in rows.items() if row.verdict in COUNTED_VERDICTS and row.kind != "undetermined"}
     assert set(turned) == counted and len(counted) > 20
     assert not {name for name, turning in turned.items() if turning is None}

@@ -66,7 +66,7 @@ DIGESTS = {
         "printed_aero": "676ae99a249a",
         "printed_heading": "ef2888a7b2ba",
         "same_sign": "43d6422ef879",
-        "timed_covariance": "3357026aa1b6",
+        "timed_covariance": "11fe2a35b4df",
         "partition_24": "d7bde0ab7e30",
         "partition_20": "0f70021e956c",
         "density_blind": "248fdb70e057",

@@ -11,6 +11,7 @@ from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.claims.writing import turned as turn
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.records.tables import csv_text
 
@@ -67,7 +68,7 @@ VERDICTS = {
         *("halved_velocity_p1", "halved_velocity_p99", "velocity_trigger_helps_stochastic"),
         *("improvement_visible_velocity", "fig8_more_aggressive", "ou_variance_matches_profile"),
     },
-    "undetermined": {"fig9_altitude_range_tradeoff"},
+    "undetermined": {"fig9_altitude_range_tradeoff", "fig9_large_deviations"},
     "differs": {f"tab4_downrange_{case}" for case in CASES}
     | {"headline_range_reduction", "tab4_gamma_stochastic_time"},
     "close": {"fig9_range_error_turns"},
@@ -76,13 +77,14 @@ VERDICTS = {
         *("chance_sigmas", "tab4_velocity_apollo_velocity", "tab4_velocity_stochastic_velocity", "tab3_state"),
         *("sde_diffusion_sink_rate", "nominal_uprange", "zf_column_velocity", "fig8_stochastic_inside"),
         *("bank_rate_respected", "initial_density_variance", "initial_density_uncorrelated"),
-        *("velocity_trigger_ends_at_velocity", "fig13_stochastic_time_variance"),
+        "velocity_trigger_ends_at_velocity",
     },
-    "reproduced": {"fig9_altitude_active"},
+    "reproduced": {"headline_range_reduction_time"},
     "holds": {
         *("theorem_lqg", "corollary_lqg", "fig8_stochastic_differs", "fig8_apollo_leaves", "fig8_silent_after_ei"),
         *("fig13_apollo_negative", "fig13_apollo_more_negative", "fig13_stochastic_velocity_correlated"),
-        *("fig13_clear_difference", "lateral_dispersion_increases", "fig9_large_deviations"),
+        *("fig13_clear_difference", "lateral_dispersion_increases", "fig9_altitude_active"),
+        "fig13_stochastic_time_variance",
     },
 }
 STATE_NAMES = ("radius", "velocity", "flight path angle", "range", "density")
@@ -130,18 +132,26 @@ def test_values_of_table_4_are_percentiles_in_the_printed_units(entry, evaluatio
             assert (np.array(evaluation.standard_error) > 0).all()
 
 
-def test_headline_is_the_reduction_of_the_interval(evaluations):
+@pytest.mark.parametrize(
+    ("claim", "end"), [("headline_range_reduction", "velocity"), ("headline_range_reduction_time", "time")]
+)
+def test_headline_is_the_reduction_of_the_interval(evaluations, claim, end):
     corrected = evaluations["corrected"]
-    low, high = (np.array(corrected[f"tab4_downrange_{law}_velocity"].value) for law in ("apollo", "stochastic"))
-    errors = [np.hypot(*corrected[f"tab4_downrange_{law}_velocity"].standard_error) for law in ("apollo", "stochastic")]
+    low, high = (np.array(corrected[f"tab4_downrange_{law}_{end}"].value) for law in ("apollo", "stochastic"))
+    errors = [np.hypot(*corrected[f"tab4_downrange_{law}_{end}"].standard_error) for law in ("apollo", "stochastic")]
     wide, narrow = np.ptp(low), np.ptp(high)
-    headline = corrected["headline_range_reduction"]
+    headline = corrected[claim]
     assert headline.value == pytest.approx(100 * (1 - narrow / wide), rel=1e-12)
     # to first order, by perturbing either interval
     shares = errors[1] / wide, narrow * errors[0] / wide**2
     assert headline.standard_error == pytest.approx(100 * np.hypot(*shares), rel=1e-9)
-    ratio = corrected["halved_velocity_p1"].numbers["ratio"]
-    assert ratio == pytest.approx(high[0] / low[0], rel=1e-12)
+    assert headline.numbers["remaining"] == pytest.approx(100 * narrow / wide, rel=1e-12)
+
+
+def test_half_is_the_ratio_of_percentiles(evaluations):
+    corrected = evaluations["corrected"]
+    low, high = (corrected[f"tab4_downrange_{law}_velocity"].value for law in ("apollo", "stochastic"))
+    assert corrected["halved_velocity_p1"].numbers["ratio"] == pytest.approx(high[0] / low[0], rel=1e-12)
 
 
 def test_about_half_is_what_the_paper_calls_so(entry_published):
@@ -163,7 +173,7 @@ def test_entry_numbers_that_follow_from_others(evaluations):
     assert corrected["chance_sigmas"].value == pytest.approx(3.0, abs=1e-4)
     np.testing.assert_allclose(corrected["af_velocity"].value, [0, 0, 0, 1e6, 0], atol=1e-6)
     np.testing.assert_allclose(corrected["adjoint_velocity"].value, [0, 0, 0, 1, 0], atol=1e-12)
-    assert corrected["fig9_altitude_active"].value == pytest.approx(2.0, abs=1e-3)
+    assert corrected["fig9_altitude_active"].numbers["three_sigma"] == pytest.approx(2.0, abs=1e-3)
     assert corrected["nominal_uprange"].value == pytest.approx(10.02, abs=0.005)
     assert corrected["zf_column_velocity"].value[1] == 0.0
 
@@ -186,6 +196,13 @@ def test_the_covariance_of_the_apollo_law_is_that_of_the_reading(evaluations):
     ):
         assert (effective[name].value, timed[name].value) == (of_effective, not of_effective), name
     assert timed["tab4_downrange_apollo_time"].value == effective["tab4_downrange_apollo_time"].value
+
+
+def test_a_reading_of_the_same_flights_flies_as_many(entry):
+    """Fewer of them would give other verdicts on what does not differ."""
+    inputs = {name: entry.study.readings[name].inputs.plain() for name in ("corrected", "timed_covariance")}
+    different = {key for key in inputs["corrected"] if inputs["corrected"][key] != inputs["timed_covariance"][key]}
+    assert different == {"design.apollo_covariance"}
 
 
 # --- the tests of statements can fail ---------------------------------------------------------------------------------
@@ -215,7 +232,7 @@ def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published,
     """No counted verdict is one that could not be otherwise."""
     artifacts = entry.artifacts("corrected")
     given = Arguments(entry.inputs("corrected").values, lambda name, kind: artifacts.get(name))
-    turned = claims_of("stochastic_entry").turned(rows.values(), given, entry_published)
+    turned = turn(claims_of("stochastic_entry"), rows.values(), given, entry_published)
     assert set(VERDICTS["holds"] | VERDICTS["fails"] | VERDICTS["differs"]) <= set(turned)
     assert not [name for name, change in turned.items() if change is None]
 
@@ -250,6 +267,79 @@ def test_trials_that_ended_otherwise_are_counted_in_the_evidence(entry):
     evaluation = new_evaluations["tab4_downrange_apollo_velocity"]
     assert "3 below the ground, 1 trigger not reached, 1 not finite" in str(evaluation.evidence)
     assert evaluation.trials == 1999 and np.isfinite(evaluation.value).all()
+
+
+def verdict_of(entry, published, name, **replaced):
+    return judge(published[name], evaluate(entry, **replaced)[name], DECLARATIONS[name]).verdict
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "holds"), (0.9, "fails"), (1.1, "fails")])
+def test_an_altitude_that_equals_its_limit_is_neither_below_nor_above_it(entry, entry_published, factor, verdict):
+    gains = entry.artifacts("corrected")["gains"]
+    covariance = scaled(gains.stochastic_covariance, factor**2, 0, -1, records.ALTITUDE, records.ALTITUDE)
+    changed = replace(gains, stochastic_covariance=covariance)
+    assert verdict_of(entry, entry_published, "fig9_altitude_active", gains=changed) == verdict
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.5, "fails"), (1.0, "undetermined"), (5.0, "holds")])
+def test_large_deviations_are_much_larger_than_those_of_the_other_law(entry, entry_published, factor, verdict):
+    ensemble = entry.artifacts("corrected")["stochastic_time"]
+    wider = replace(ensemble, covariance=ensemble.covariance * factor**2)
+    assert verdict_of(entry, entry_published, "fig9_large_deviations", stochastic_time=wider) == verdict
+
+
+def test_a_smaller_variance_of_the_range_can_fail(entry, entry_published):
+    """Where the design is free, Apollo's gains against time have the same least variance: rounding decides nothing."""
+    gains = entry.artifacts("corrected")["gains"]
+    wide = replace(gains, stochastic_covariance=scaled(gains.stochastic_covariance, 100.0, 0, -1, RANGE, RANGE))
+    equal = replace(gains, apollo_covariance=gains.stochastic_covariance * (1.0 + 1e-11))
+    for changed in (wide, equal):
+        assert verdict_of(entry, entry_published, "fig13_stochastic_time_variance", gains=changed) == "fails"
+
+
+def test_a_construction_rests_on_its_premise(entry, entry_published):
+    """Bounds that the design does not keep, and rates that flights do not limit, are judged."""
+    artifacts = entry.artifacts("corrected")
+    gains = artifacts["gains"]
+    broken = replace(
+        gains,
+        control_ratio=3.0 * gains.control_ratio,
+        stochastic_control_variance=9.0 * gains.stochastic_control_variance,
+    )
+    assert verdict_of(entry, entry_published, "fig8_stochastic_inside") == "by_construction"
+    assert verdict_of(entry, entry_published, "fig8_stochastic_inside", gains=broken) == "fails"
+    for reading, verdict in (("corrected", "by_construction"), ("printed", "fails")):
+        evaluation = evaluate(entry, reading)["bank_rate_respected"]
+        assert (
+            judge(entry_published["bank_rate_respected"], evaluation, DECLARATIONS["bank_rate_respected"]).verdict
+            == verdict
+        )
+
+
+@pytest.mark.parametrize(("angle", "verdict"), [(1e-3, "by_construction"), (-1e-3, "fails")])
+def test_the_density_process_needs_no_step_that_turns(entry, entry_published, angle, verdict):
+    """A step on which the flight goes from sinking to climbing is none of the process in altitude."""
+    linearization = entry.linearization()
+    state, noise = linearization.state.copy(), linearization.noise.copy()
+    state[60, records.FLIGHT_PATH_ANGLE] = angle
+    noise[59:61, records.DENSITY, records.DENSITY] *= 2.0
+    turning = replace(linearization, state=state, noise=noise)
+    assert verdict_of(entry, entry_published, "sde_diffusion_sink_rate", linearization=turning) == verdict
+
+
+def test_what_is_left_of_the_crossrange_errs_as_what_is_added_does(entry, evaluations):
+    """Where little is added in flight, its own sampling error decides."""
+    artifacts = entry.artifacts("corrected")
+    margin = evaluations["corrected"]["crossrange_nulled"].margin
+    pairs = [measures.crossrange_interval(artifacts[f"{law}_time"]) for law in measures.LAWS]
+    widest = [
+        np.sqrt(artifacts[f"{law}_time"].covariance[:, records.CROSSRANGE, records.CROSSRANGE].max())
+        for law in measures.LAWS
+    ]
+    added = 2 * 2.326 * (widest[1] - widest[0])
+    of_added = 2 * 2.326 * np.hypot(*widest) / np.sqrt(2 * 2000)
+    expected = 100 * np.hypot(np.hypot(pairs[0][1], pairs[1][1]), margin.value / 100 * of_added) / added
+    assert margin.standard_error == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.filterwarnings("default::RuntimeWarning")

@@ -1,11 +1,12 @@
 """The mean density that a paper's inputs name, and which flights leave its table."""
 
-import sys
+import logging
 from collections.abc import Callable
 
 import numpy as np
 
 from marsedl.models import atmosphere
+from marsedl.replication.errors import NOTES
 from marsedl.sections.air import MeanDensity
 
 
@@ -62,9 +63,8 @@ class TableExits:
         """Say in one line of the log how many left the table, if any did."""
         if self.outside:
             (bottom, top), (low, high) = (np.array(ends) / 1e3 for ends in (self.table, self.furthest))
-            print(
+            logging.getLogger(NOTES).warning(
                 f"{what}: {self.outside:,} of {self.flights:,} beyond the density table by more than a scale height "
                 f"(it goes from {bottom:g} to {top:g} km, they from {low:.1f} to {high:.1f} km), where its end slopes "
-                "go on: give a density_table that reaches further",
-                file=sys.stderr,
+                "go on: give a density_table that reaches further"
             )

@@ -69,7 +69,10 @@ def ended(record):
 
 REFUTED = {
     lost: ("mc_inside_funnel", "funnel_is_tight", "sos_above_mc", "increased_landing_accuracy"),
-    ended: ("mc_inside_funnel", "funnel_is_tight", "sos_above_mc", "end_expansion", "reaches_goal_region"),
+    ended: (
+        *("mc_inside_funnel", "funnel_is_tight", "sos_above_mc", "end_expansion", "reaches_goal_region"),
+        *("guaranteed_bounds", "thermal_constraint_funnel"),
+    ),
 }
 
 
@@ -85,7 +88,7 @@ def test_no_claim_crashes_without_flights_or_funnel(evaluator, run, change, monk
     monkeypatch.setattr(run, "given", changed)
     outcomes = evaluator.outcomes(run)
     assert not {name: one.sentence for name, one in outcomes.items() if one.cause not in ("result", "not_asked")}
-    assert {outcomes[name].verdict for name in REFUTED.get(change, ())} <= {"fails", "undetermined"}
+    assert {outcomes[name].finding for name in REFUTED.get(change, ())} <= {"fails", "undetermined"}
 
 
 def test_the_universe_corrected_is_the_reading_whatever_came_before(evaluator):

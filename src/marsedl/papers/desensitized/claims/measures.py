@@ -256,11 +256,6 @@ def crossrange_flight(planet: Planet, gains: Gains, responses: Responses) -> Cro
 # ---- what feedback leaves --------------------------------------------------------------------------------------------
 
 
-def linear_share(gains: Gains, channel: int) -> float:
-    """Share of the sensitivity without feedback that a channel's law leaves."""
-    return size(gains.final[LAW_OF[channel], :, channel]) / size(gains.final[PLAIN, :, channel])
-
-
 def remaining(responses: Responses, channel: int) -> np.ndarray:
     """Share of the final error without feedback that is left, (2,), of the compared errors."""
     law = LAW_OF[channel]

@@ -1,5 +1,6 @@
 """What several claims share: limits of statements, levels of the flights, and what is left out of a stage."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,12 @@ def complete(funnel: Funnel) -> Test:
     if funnel.outcome == COMPLETE:
         return check("the funnel is complete", True)
     return check(f"the funnel is complete (its outcome is: {funnel.outcome})", False)
+
+
+def by_our_limit(test: Test, why: str) -> Test:
+    """Test of what the paper does not print and we chose, as `Limit(ours)`: in doubt if half or twice ours turns it."""
+    doubt = test.doubt and test.doubt.model_copy(update={"why": f"{why}; half or twice ours would turn the verdict"})
+    return replace(test, doubt=doubt)
 
 
 def on_slices(recursion: Recursion, funnel: Funnel) -> Test:

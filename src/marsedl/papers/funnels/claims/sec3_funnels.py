@@ -127,7 +127,8 @@ def minimum_samples_computable(funnel: Funnel, stage_study: StageStudy, samples:
 @claim(
     "Nothing is lost: a larger slice contains the smaller one.",
     errata="E21",
-    by_construction="the samples of a stage are points of its slice, whatever the method",
+    choices="sampling",
+    counterexample=replaced("funnel.memory", 0.0),
 )
 def greedy_needed(funnel: Funnel):
     subject = "change of the second level by a first level ten times as large"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import covariance, variance
-from marsedl.papers.powered_descent.claims.measures import MOTION_PART, freedom
+from marsedl.papers.powered_descent.claims.measures import MOTION_PART, FinalMisses, freedom
 from marsedl.papers.powered_descent.inputs import Mission
 from marsedl.papers.powered_descent.records import FlightEnsemble, Nominal
 from marsedl.replication.claims.claim import Doubt
@@ -25,8 +25,14 @@ def mass_iteration_converges(nominal: Nominal):
 
 
 @claim(counterexample=spread("closed_loop.final_state", component="altitude"))
-def prior_mass_sufficient(mission: Mission, closed_loop: Largest[FlightEnsemble], prior_mass: Largest[FlightEnsemble]):
-    # What the fixed profile costs: the same trials with the same noise, with the mass as it flows and as it is assumed.
+def prior_mass_sufficient(
+    mission: Mission,
+    misses: FinalMisses,
+    closed_loop: Largest[FlightEnsemble],
+    prior_mass: Largest[FlightEnsemble],
+):
+    # The flights whose mass flows meet their targets, and do so by the design: the mass that it assumes beforehand is
+    # near enough to theirs. Compared are the same trials with the same noise, with the mass as it flows and as assumed.
     true_mass, assumed_mass = closed_loop.final_state[:, MOTION_PART], prior_mass.final_state[:, MOTION_PART]
     scale = np.sqrt(np.diag(mission.final_covariance))
     product, trials = np.outer(scale, scale), min(len(true_mass), len(assumed_mass))
@@ -39,9 +45,13 @@ def prior_mass_sufficient(mission: Mission, closed_loop: Largest[FlightEnsemble]
         np.abs(true_mass.mean(axis=0) - assumed_mass.mean(axis=0)) / scale,
         np.abs(covariance(true_mass) - assumed_covariance) / product,
     )
-    subject = "shift of the final mean by the mass that flows"
+    unit = "target standard deviations"
     return holds(
-        measure(subject, shift, "target standard deviations", error=mean_error) <= ABOUT,
-        measure("relative change of the final covariance by the mass that flows", change, error=error) <= ABOUT,
+        measure("error of the mean, with the mass that flows", misses.mean, unit, error=misses.mean_error) <= ABOUT,
+        measure("relative error of the covariance, with it", misses.covariance, error=misses.covariance_error) <= ABOUT,
+        measure("shift of the final mean by the mass that flows", shift, unit, error=mean_error) <= ABOUT,
+        measure("relative change of the final covariance by it", change, error=error) <= ABOUT,
         trials=trials,
+        miss=misses.covariance.max(),
+        change=change.max(),
     )

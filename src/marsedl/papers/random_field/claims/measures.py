@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from marsedl.montecarlo.statistics import binomial_interval, mean_standard_error, variance_standard_error
 from marsedl.papers.random_field.components import BANK_COSINE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
 from marsedl.papers.random_field.records import CAPTURED, OUTCOMES, FlightEnsemble, Gains
+from marsedl.replication.claims.thresholds import CONFIDENCE, SIGMAS
 from marsedl.replication.claims.writing import Evaluation, Fails, Test, doubtful, holds, provided
 
 OPEN = 0  # the law without control; the last one is that of the last iteration
@@ -50,6 +52,33 @@ def commanded(gains: Gains, ensemble: FlightEnsemble, law: int) -> tuple[np.ndar
     rows = node_rows(ensemble, gains.partition[:-1])
     variance = ensemble.covariance[law, rows, BANK_COSINE, BANK_COSINE]
     return ensemble.mean[law, rows, BANK_COSINE], np.sqrt(np.maximum(variance, 0.0))
+
+
+def share_error(count: np.ndarray, trials: int) -> np.ndarray:
+    """Standard error of the share `count / trials`, of any shape: that of many trials, and at most that of few.
+
+    A third of the way to the further bound of its interval (Clopper, Pearson) at three standard errors. So a share of
+    none or of all has an error too.
+    """
+    share, (low, high) = np.asarray(count) / trials, binomial_interval(count, trials, CONFIDENCE)
+    return np.maximum(share - low, high - share) / SIGMAS
+
+
+def reach_error(ensemble: FlightEnsemble, law: int, row: int) -> float:
+    """Standard error of the mean plus three sigma of the command at a stored time, at most, whatever its distribution.
+
+    That of a standard deviation takes the fourth moment: of commands within the limits from their histogram, of those
+    beyond from as many trials as went furthest beyond at any time.
+    """
+    counts, edges = ensemble.histogram[law, row, 0], ensemble.histogram_edges[law, 0]
+    mean, variance = ensemble.mean[law, row, BANK_COSINE], ensemble.covariance[law, row, BANK_COSINE, BANK_COSINE]
+    flights, beyond = counts.sum(), counts[0] + counts[-1]
+    excess = np.sort(np.nan_to_num(ensemble.observed_maximum[law, :, 1], nan=-np.inf))
+    tail = excess[len(excess) - beyond :] + np.abs(edges[[0, -1]] - mean).max()
+    fourth = (counts[1:-1] @ ((edges[1:] + edges[:-1]) / 2 - mean) ** 4 + (tail**4).sum()) / max(flights, 1)
+    of_variance, deviation = variance_standard_error(variance, max(fourth, variance**2), flights), np.sqrt(variance)
+    # As if mean and deviation erred together, which a long tail on one side makes them do.
+    return float(mean_standard_error(variance, flights) + SIGMAS * (of_variance / (2 * deviation) if deviation else 0))
 
 
 class Laws:

@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.montecarlo.statistics import binomial_interval
+from marsedl.papers.random_field.claims.measures import share_error
 from marsedl.papers.random_field.double_integrator import ellipse_radius, normals_and_bounds, tail
 from marsedl.papers.random_field.inputs import PointMass
 from marsedl.papers.random_field.records import CLOSED, DoubleIntegrator, DoubleIntegratorFlights
@@ -86,11 +87,8 @@ def dint_chance_constraints_satisfied(
     low, high = (100 * bound for bound in binomial_interval(whole[worst], trials, CONFIDENCE))
 
     def test(subject, count, limit):
-        # The sampling error of a share that is as allotted.
-        error = 100 * np.sqrt(limit * (1.0 - limit) / trials)
-        return (
-            measure(f"share of the trials outside of {subject}", 100 * count / trials, "%", error=error) <= 100 * limit
-        )
+        share, error = 100 * count / trials, 100 * share_error(count, trials)
+        return measure(f"share of the trials outside of {subject}", share, "%", error=error) <= 100 * limit
 
     return holds(
         test("both constraints", whole, allotted),

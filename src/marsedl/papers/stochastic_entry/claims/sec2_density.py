@@ -73,7 +73,8 @@ def sde_diffusion_sink_rate(planet: Planet, air: Air, linearization: Linearizati
 def _sink_rate_exponent(planet: Planet, air: Air, linearization: Linearization):
     """Exponent of the sink rate in the scaled density noise, and its largest distance from the process of Eq. 8."""
     altitude = linearization.state[:, 0] - planet.planet_radius
-    steps = np.flatnonzero(np.diff(altitude) < -1.0)  # m; the slope of less is rounding
+    sinking = linearization.state[:, FLIGHT_PATH_ANGLE] < 0.0  # at both ends of a step, so that it has no turning point
+    steps = np.flatnonzero((np.diff(altitude) < -1.0) & sinking[1:] & sinking[:-1])  # m; the slope of less is rounding
     noise = linearization.noise[steps, 4, 4] / linearization.state[steps + 1, 4] ** 2
     decay, diffusion = environment.decay_rate(air, altitude), environment.diffusion(air, altitude)
     pairs = [[part[[k + 1, k]] for part in (altitude, decay, diffusion)] for k in steps]

@@ -78,17 +78,17 @@ def tab3_aero(vehicle: Vehicle):
 @claim(
     "Density and deadband of `corrected` are chosen so that it ends there.",
     choices=f"mean_density {DEADBAND}",
-    by_construction="density or deadband are chosen for it",
 )
 def nominal_uprange(nominal: Nominal):
     return measured(
         float(-nominal.downrange[-1] / 1e3),
         evidence=f"after {nominal.end_time:.2f} s and {len(nominal.reversal_time)} bank reversals, decided at least "
         f"{nominal.deadband_margin:.0f} m from the deadband",
+        by_construction="density or deadband are chosen for it",
     )
 
 
-@claim("With Eq. 71 corrected.", errata="E6", by_construction="the flights limit the rate")
+@claim("With Eq. 71 corrected.", errata="E6")
 def bank_rate_respected(guidance: Guidance, nominal: Nominal, flights: Flights):
     changes = [np.nanmax(ensemble.observed_maximum[:, BANK_CHANGE], initial=0.0) for ensemble in flights.values()]
     steps = np.abs(np.diff(nominal.bank)).max()
@@ -99,6 +99,7 @@ def bank_rate_respected(guidance: Guidance, nominal: Nominal, flights: Flights):
         measure("in the nominal flight", np.degrees(steps), "deg") <= allowed * (1.0 + ROUNDING),
         *flights.lost("stochastic_time"),
         trials=sum(ensemble.count for ensemble in flights.values()),
+        by_construction="the flights limit the rate" if guidance.rate_limit_form == "corrected" else "",
         # A reversal goes from one bank angle to its opposite.
         reversal_time=[
             2 * bank / guidance.bank_rate_limit for bank in (guidance.nominal_bank_slow, guidance.nominal_bank_fast)

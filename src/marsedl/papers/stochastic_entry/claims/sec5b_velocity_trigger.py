@@ -145,18 +145,15 @@ def table_4(published, flights: Flights, tails: Tails, *, row, case):
     )
 
 
-@claim(name="tab4_velocity_apollo_velocity", by_construction="the flight ends at this velocity", case="apollo_velocity")
-@claim(
-    name="tab4_velocity_stochastic_velocity",
-    by_construction="the flight ends at this velocity",
-    case="stochastic_velocity",
-)
+@claim(name="tab4_velocity_apollo_velocity", case="apollo_velocity")
+@claim(name="tab4_velocity_stochastic_velocity", case="stochastic_velocity")
 def table_4_velocity_at_the_trigger(mission: Mission, flights: Flights, *, case):
     ensemble = flights[case]
     trials = finite_count(ensemble)
     largest = float(velocity_errors(mission, ensemble).max()) if trials else np.nan
     evidence = f"largest distance from the trigger's velocity {largest:.1e} m/s"
-    return measured([-largest, largest], None, trials, [evidence, outcomes(ensemble)])
+    evidence = [evidence, outcomes(ensemble)]
+    return measured([-largest, largest], None, trials, evidence, by_construction="the flight ends at this velocity")
 
 
 class TriggerTails(NamedTuple):
@@ -175,9 +172,9 @@ def trigger_tails(flights: Flights, tails: Tails) -> TriggerTails:
     return TriggerTails(*(tails[f"{law}_velocity"][DOWNRANGE] for law in LAWS), trials)
 
 
-def _fewest(flights):
-    """Finite trials with the velocity trigger, of the law that has fewer."""
-    return min(finite_count(flights[f"{law}_velocity"]) for law in LAWS)
+def _fewest(flights, trigger="velocity"):
+    """Finite trials with a trigger, of the law that has fewer."""
+    return min(finite_count(flights[f"{law}_{trigger}"]) for law in LAWS)
 
 
 @claim(
@@ -185,19 +182,23 @@ def _fewest(flights):
     errata="E8 E14",
     choices=f"apollo_feedback aerodynamic_signs mean_density {DEADBAND}",
     counterexample=spread("stochastic_velocity.final_state", component="downrange"),
+    trigger="velocity",
 )
-def headline_range_reduction(flights: Flights, tails: Tails):
-    def saved(trigger):
-        return reduction(*(tails[f"{law}_{trigger}"][DOWNRANGE] for law in ("stochastic", "apollo")))
-
-    value, error = (100 * part for part in saved("velocity"))
-    value_time, error_time = (100 * part for part in saved("time"))
+@claim(
+    "Table 4 prints about as much for the fixed time as for the trigger.",
+    errata="E12 E14",
+    choices=f"apollo_feedback apollo_time_adjoint partition mean_density {DEADBAND}",
+    counterexample=spread("stochastic_time.final_state", component="downrange"),
+    name="headline_range_reduction_time",
+    trigger="time",
+)
+def headline_range_reduction(flights: Flights, tails: Tails, *, trigger):
+    saved, error = reduction(*(tails[f"{law}_{trigger}"][DOWNRANGE] for law in ("stochastic", "apollo")))
     return measured(
-        value,
-        error,
-        _fewest(flights),
-        f"with the fixed time {value_time:.1f} ± {error_time:.1f} %",
-        remaining=100 - value,
+        100 * saved,
+        100 * error,
+        _fewest(flights, trigger),
+        remaining=100 * (1 - saved),
         **{f"{case}_width": width(tails[case][DOWNRANGE])[0] / 1e3 for case in CASES},
     )
 
@@ -334,10 +335,11 @@ def fig13_apollo_more_negative(final: FinalCovariances):
     return holds(measure(subject, velocity) < time, f"with that of the fixed time {time:+.3f}", change=velocity - time)
 
 
-@claim(by_construction="it is what the law minimises")
+@claim(counterexample=in_reading("timed_covariance"))
 def fig13_stochastic_time_variance(final: FinalCovariances):
     apollo, stochastic = (np.sqrt(final.of(f"{law}_time")[0, 0]) / 1e3 for law in LAWS)
-    return holds(measure("predicted range deviation, against Apollo's", stochastic, "km") < apollo)
+    # Where no limit is active, an Apollo law with gains against time has the same least variance.
+    return holds(measure("predicted range deviation, against Apollo's", stochastic, "km") < apollo * (1.0 - ROUNDING))
 
 
 @claim(
