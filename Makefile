@@ -17,9 +17,9 @@ CREATE := $(PYTHON) -m venv $(VENV)
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
 endif
 
-# Snakemake runs no Python whose path has a space.
-ifneq ($(words $(CURDIR)),1)
-$(error "$(CURDIR)" has a space, with which Snakemake runs no job: move the project to another folder)
+# Snakemake gives the path of the environment's Python to bash as it is; a colon would end it in PATH.
+ifneq ($(shell pwd | LC_ALL=C tr -d 'A-Za-z0-9_@%+=,./\200-\377-' | grep -c .),0)
+$(error "$(CURDIR)" has a character with which Snakemake runs no job: move the project to a folder of letters, digits and _.,+=@%-)
 endif
 
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
@@ -49,9 +49,9 @@ bench: $(STAMP)
 docs: $(STAMP)
 	. $(BIN)/activate && python -m sphinx -q -W --keep-going docs docs/_build/html
 
-# The JSON Schemas of configurations and claims, which are committed and published with the pages.
+# The JSON Schema of a build's claims, which is committed and published with the pages.
 schemas: $(STAMP)
-	. $(BIN)/activate && python -m marsedl.schemas docs/schemas
+	. $(BIN)/activate && python -m marsedl.schemas docs/schemas/claims.json
 
 # What sends jobs to Slurm, into the same environment: only where it is wanted, as every start of Snakemake loads it.
 slurm: $(STAMP)

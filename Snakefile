@@ -8,10 +8,6 @@ from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.numerics import pin_numerics
 
 try:
-    if " " in sys.executable:
-        raise MarsedlError(
-            f"{sys.executable}: Snakemake runs no Python whose path has a space; move the project, or its environment"
-        )
     pin_numerics(Path(workflow.current_basedir), here=False)  # Snakemake itself imports numpy first
 except MarsedlError as error:
     sys.exit(f"\nmarsedl: {error}\n")

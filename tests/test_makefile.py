@@ -29,7 +29,7 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
     for name in ("uv", "python-of-mine") if installer == "uv" else ("python-of-mine",):
         (tools / name).write_text(STAND_IN)
         (tools / name).chmod(0o755)
-    for name in ("sh", "make", "echo", "touch", "test", "mkdir", "cp", "basename"):
+    for name in ("sh", "make", "echo", "touch", "test", "mkdir", "cp", "basename", "tr", "grep"):
         (tools / name).symlink_to(shutil.which(name))
     for name in ("Makefile", "requirements.lock", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path / name)

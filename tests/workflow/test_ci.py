@@ -48,6 +48,27 @@ def test_the_hosted_workflow_runs_it_then_the_full_size_and_holds_no_secret():
     assert workflow["permissions"] == {"contents": "read"}
 
 
+def test_a_clone_with_other_line_ends_has_the_same_bytes(tmp_path):
+    """As git makes on Windows, or where a user asks for it."""
+    names = ("Makefile", "data/published/funnels.yaml", "data/reference/costs.csv", "docs/images/headlines.png")
+    names = [name for name in (*names, "src/marsedl/cli.py") if (ROOT / name).exists()]
+    for name in (*names, ".gitattributes"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    git = ("git", "-c", "core.autocrlf=true", "-c", "user.name=a", "-c", "user.email=b@c.invalid")
+    for command in (
+        ["init", "-q"],
+        ["add", "."],
+        ["commit", "-qm", "x"],
+        ["rm", "-q", *names],
+        ["checkout", "-q", "HEAD", "."],
+    ):
+        subprocess.run([*git, *command], cwd=tmp_path, check=True)
+    assert len(names) >= 4
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (ROOT / name).read_bytes()
+
+
 def test_the_workflow_catalog_finds_what_it_asks_for():
     usage = yaml.safe_load((ROOT / ".snakemake-workflow-catalog.yml").read_text(encoding="utf-8"))["usage"]
     deployment = usage["software-stack-deployment"]

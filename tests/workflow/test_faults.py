@@ -44,7 +44,7 @@ def test_damaged_and_malformed_files_are_refused_in_one_run_and_a_lost_one_is_ma
     output, log = small.fails(lost, target, f"report/claims/{HOP}.json"), f"logs/{GLIDE}/corrected/certificates.log"
     for fragment in (f"{CACHE}/gains.h5", "delete it and run snakemake again", log, "truncated"):
         assert fragment in output
-    for fragment in (f"data/published/{HOP}.yaml", "kindd", "'kind'", f"logs/{HOP}/universes."):
+    for fragment in (f"data/published/{HOP}.yaml", "kindd", "'kind'", f"logs/{HOP}/points.log"):
         assert fragment in output
     assert digest(small.path(lost)) == digests[lost], "others of the run are made"
 

@@ -96,6 +96,9 @@ def test_the_gate_passes_until_a_number_moves(small, runner):
     assert compared.returncode == 0, compared.stdout
     assert "0 numbers beyond tolerance" in compared.stdout
 
+    claims, reference = small.path(f"report/claims/{SLUG}.json"), own_folder / "kept" / f"{SLUG}.json"
+    older = claims.read_bytes()
+
     (own_folder / "mine.yaml").write_text(READING % 0.04, encoding="utf-8")
     built = runner("Rebuild what changed")
     assert built.returncode == 0, built.stdout[-3000:]
@@ -107,3 +110,17 @@ def test_the_gate_passes_until_a_number_moves(small, runner):
     assert any("mine" in name for name in moved)
     assert not [name for name in moved if name.startswith(("corrected/", "printed/"))]
     assert "if the changes are intended, run 'marsedl accept --reference" in compared.stdout
+
+    # What is edited, or copied over, is said to be, and is neither a result nor a reference.
+    newer = claims.read_bytes()
+    for content in (older, newer.replace(b'"reproduced"', b'"close"')):
+        claims.write_bytes(content)
+        compared = runner("Compare with your reference")
+        assert compared.returncode == 3
+        assert f"report/claims/{SLUG}.json was edited after its job wrote it" in compared.stdout
+    claims.write_bytes(newer)
+    text = reference.read_text(encoding="utf-8")
+    reference.write_text(text.replace('"mine": "', '"mine": "not_'), encoding="utf-8")
+    compared = runner("Compare with your reference")
+    assert compared.returncode == 2
+    assert f"{SLUG}.json was edited after 'marsedl accept' wrote it; restore it" in compared.stdout

@@ -16,6 +16,7 @@ from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline import staleness
 from marsedl.replication.pipeline.fingerprints import Fingerprints, fingerprints_of
 from marsedl.replication.pipeline.libraries import _version, versions_used
+from marsedl.replication.pipeline.sharing import artifact_of
 
 pytestmark = pytest.mark.workflow
 
@@ -28,6 +29,7 @@ PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
 STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
 SUMMARY = {"site"}
+POINTS = "points"  # what named readings give, which are evaluated in memory
 JUDGED = {"claims", "counterexamples", "universes"}  # for each paper
 CLAIMS = {*JUDGED, "all_claims", *SUMMARY}
 
@@ -54,7 +56,7 @@ class Edited:
         return {job.kind for job in self.rerun if job.paper == slug or not slug}
 
     def stages(self, slug: str = "") -> set[str]:
-        return self.kinds(slug) - {"figure", "table", "comparison", *CLAIMS}
+        return self.kinds(slug) - {"figure", "table", "comparison", POINTS, *CLAIMS}
 
     def names(self, kind: str) -> set[str]:
         return {job.name for job in self.rerun if job.kind == kind}
@@ -78,7 +80,7 @@ def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
     for path in recipes.behind(recipes.all()):
         made = recipes.job(path)
         if path.startswith("data/cache/"):
-            paper, reading, name = recipes.artifact(path)
+            paper, reading, name = artifact_of(path)
             kind, name, own = name.split(".")[0], f"{reading}/{name}", {**made.own, "needs": None}
         else:
             first, *middle, name = made.name.split("/")
@@ -156,6 +158,7 @@ def sources(tmp_path_factory):
     root, folder = Path(__file__).parents[2], tmp_path_factory.mktemp("reruns") / "project"
     for name in ("src", "configs", "workflow/scripts", "data/published", "data/atmosphere", "data/reference"):
         shutil.copytree(root / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(root / "CITATION.cff", folder)
     return Project(folder)
 
 
@@ -226,10 +229,10 @@ def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(project):
         '"diverged: some iterate is not finite"',
     )
     plan = project.edited()
-    assert {job.kind for job in plan.changed} == {"fixed_point", "universes"}
+    assert {job.kind for job in plan.changed} == {"fixed_point", "universes", POINTS}
     assert plan.stages() == {"fixed_point"}
     assert plan.papers == {"powered_descent"}
-    assert plan.kinds() <= {"fixed_point", "figure", "table", *CLAIMS}
+    assert plan.kinds() <= {"fixed_point", "figure", "table", POINTS, *CLAIMS}
 
 
 def test_a_figure_of_its_own_reruns_alone(project):
@@ -258,14 +261,16 @@ def test_an_upgraded_library_reruns_what_uses_it_and_says_so(project, tmp_path, 
     for function in (versions_used, _version):
         function.cache_clear()
     assert plan.stages("powered_descent") == {"certificates"}
-    assert plan.kinds("powered_descent") <= {"certificates", "table", *JUDGED}
+    assert plan.kinds("powered_descent") <= {"certificates", "table", POINTS, *JUDGED}
 
 
-def test_a_printed_value_reruns_the_claims_and_no_artifact(project):
+def test_a_word_about_a_printed_value_reruns_the_claims_and_no_artifact_universe_or_point(project):
     name = "data/published/powered_descent.yaml"
     project.write(name, (project.folder / name).read_text(encoding="utf-8") + "\n# A comment.\n")
     plan = project.edited()
     assert plan.kinds() >= CLAIMS
+    assert plan.kinds().isdisjoint({POINTS})
+    assert {job.name for job in plan.rerun if job.kind == "universes"} == {"powered_descent_what_decides"}
     assert plan.stages() == set()
     assert plan.papers == {"powered_descent"}
 
@@ -274,7 +279,7 @@ def test_an_input_of_figures_reruns_no_artifact(project):
     project.set_inputs("corrected", ellipse_sigma=2.5)
     plan = project.edited()
     assert plan.shown == {"fig02", "fig03"}
-    assert plan.kinds() == {"figure", *CLAIMS}
+    assert plan.kinds() == {"figure", POINTS, *CLAIMS}
 
 
 def test_the_number_of_drawn_trials_reruns_the_flights(project):

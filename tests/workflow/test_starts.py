@@ -74,16 +74,32 @@ def test_another_folder_and_another_program_may_run_the_workflow(tmp_path):
     assert f"{sys.executable} -m marsedl.cli verify" in process.stdout
 
 
-def test_a_path_with_a_space_is_refused_in_one_line(tmp_path):
-    """Snakemake does not quote the path of its Python; make can name no such folder."""
-    folder = tmp_path / "my study"
+@pytest.mark.parametrize("modifier", ["prefix: 'results'", "replace_prefix: {'data/': 'results/'}"])
+def test_a_module_with_a_prefix_is_refused_in_one_line(tmp_path, modifier):
+    """Its products would be where no recipe looks for them: nothing was made again, and no artifact was loaded."""
+    text = SNAKEFILE.replace("config: config", f"config: config\n    {modifier}")
+    (tmp_path / "Snakefile").write_text(text, encoding="utf-8")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "config.yaml").write_text(CONFIG, encoding="utf-8")
+    process = run(tmp_path, sys.executable, "-m", "snakemake", "my_summary", "-n", "--cores", "1", *PROFILE)
+    assert process.returncode != 0
+    (line,) = [line for line in process.stdout.splitlines() if line.startswith("marsedl: ")]
+    assert "would be elsewhere, by a module's prefix" in line and "--directory FOLDER" in line
+    assert "Traceback" not in process.stdout
+
+
+@pytest.mark.parametrize("name", ["my study", "R&D", "it's"])
+def test_a_path_that_bash_does_not_take_is_refused_in_one_line(tmp_path, name):
+    """Snakemake does not quote the path of its Python; make can name no folder with a space."""
+    folder = tmp_path / name
     folder.mkdir()
     (folder / ".venv").symlink_to(sys.prefix)
     python = folder / ".venv" / "bin" / "python"
     process = run(ROOT, python, "-m", "snakemake", "all", "-n", "--cores", "1")
     assert process.returncode != 0
-    assert f"marsedl: {python}: Snakemake runs no Python whose path has a space; move the project" in process.stdout
+    character = next(one for one in name if one in " &'")
+    assert f"{python}: Snakemake runs no Python whose path has {character!r}; move the project" in process.stdout
     shutil.copy(ROOT / "Makefile", folder)
     process = run(folder, "make", "-n", "all")
     assert process.returncode != 0
-    assert "has a space, with which Snakemake runs no job: move the project" in process.stdout
+    assert "has a character with which Snakemake runs no job: move the project" in process.stdout

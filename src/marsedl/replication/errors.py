@@ -2,6 +2,8 @@
 
 from marsedl.words import nearest as nearest
 
+NOTES = "marsedl.notes"  # the name under which stages log what a reader of a result should know
+
 
 class MarsedlError(Exception):
     """One clear message: the file, key or field, what is wrong with it, and the remedy."""

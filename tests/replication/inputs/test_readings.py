@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import RESERVED
 from marsedl.replication.inputs.readings import load_studies, load_study
 from marsedl.replication.inputs.sections import KNOWN_SUFFIXES, Inputs, Number, Positive, Section, vector
 from marsedl.replication.inputs.sections import given as declared
@@ -23,6 +24,14 @@ SOURCE = "assumed: test"
 MODELS = {slug: input_model(slug) for slug in SLUGS}
 MODEL = MODELS["powered_descent"]
 INPUTS = [(slug, *name.split(".")) for slug, model in MODELS.items() for name in model.names()]
+
+
+def standing_for_a_reading() -> list[str]:
+    """The words of the rules' paths that stand where a reading's name may."""
+    rules = "".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")))
+    found = re.findall(r"\"(?:figures|data/cache)/\{+paper\}+/(\w+)/", rules)
+    assert "universes" in found
+    return sorted({*found})
 
 
 def entry(value) -> dict:
@@ -303,6 +312,105 @@ def test_names_that_pandas_reads_as_missing_are_refused(tmp_path):
     for name in names:
         path = written(tmp_path, {}, name=name)
         refused(path, f"readings.{name}: pandas reads the name '{name}' in a table as no value; rename it")
+
+
+NOISE = "noise: {noise_coefficient: {value: %s, source: 'assumed: x'}}"
+VALUE = "{asks: Which?, because: withheld, values: {mine: {noise: {noise_coefficient: {value: 1.0, source: x}}}}}"
+
+
+def two_files(folder, kind, first, second, body):
+    """Two files of a user, each with one reading or choice; returns their paths."""
+    paths = [folder / "a.yaml", folder / "b.yaml"]
+    for path, name in zip(paths, (first, second), strict=True):
+        path.write_text(f"powered_descent:\n  {kind}:\n    {name}: {body}\n", encoding="utf-8")
+    return paths
+
+
+READING = f"{{based_on: corrected, {NOISE % 0.03}}}"
+
+
+@pytest.mark.parametrize(("kind", "body"), [("readings", READING), ("choices", VALUE)])
+def test_a_name_that_stands_in_two_files_is_refused_and_names_both(tmp_path, kind, body):
+    paths = two_files(tmp_path, kind, "noise_unit", "noise_unit", body)
+    with pytest.raises(InputError) as caught:
+        load_studies({"powered_descent": MODEL}, ROOT, config_files=paths)
+    first, second = (f"{path}:3: powered_descent.{kind}.noise_unit" for path in paths)
+    assert str(caught.value) == f"{second}: stands in {first} too; give one of them another name"
+
+
+def test_of_several_files_every_reading_is_there_and_a_fault_names_its_own(tmp_path):
+    paths = two_files(tmp_path, "readings", "one", "two", READING)
+    study = load_studies({"powered_descent": MODEL}, ROOT, config_files=paths)["powered_descent"]
+    assert study.own_readings == {"one", "two"}
+    assert "one" not in study.without_own_readings().readings and not study.without_own_readings().own_readings
+    paths[1].write_text(paths[1].read_text("utf-8").replace("corrected", "three"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_studies({"powered_descent": MODEL}, ROOT, config_files=paths)
+    assert str(caught.value).startswith(f"{paths[1]}:3: powered_descent.readings.two.based_on: there is no reading")
+
+
+def test_what_stands_in_a_file_is_not_changed_by_the_command_line(tmp_path):
+    path = two_files(tmp_path, "readings", "one", "two", READING)[0]
+    config = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert load_studies({"powered_descent": MODEL}, ROOT, config, [path])["powered_descent"].own_readings == {"one"}
+    config["powered_descent"]["readings"]["one"]["summary"] = "Of both."
+    with pytest.raises(InputError, match=r"a.yaml:3: powered_descent.readings.one: --config changes it; write"):
+        load_studies({"powered_descent": MODEL}, ROOT, config, [path])
+
+
+@pytest.mark.parametrize("name", [*RESERVED, *standing_for_a_reading()])
+def test_a_reading_named_as_a_folder_among_those_of_readings_is_refused(tmp_path, name):
+    refused(written(tmp_path, {}, name=name), f"readings.{name}: '{name}' is the name of a folder", "rename it")
+
+
+@pytest.mark.parametrize("key", ["null", "true", "1.5"])
+def test_a_name_that_yaml_does_not_read_as_text_is_to_be_quoted(tmp_path, key):
+    path, value = tmp_path / "mine.yaml", yaml.safe_load(key)
+    path.write_text(f"powered_descent: {{readings: {{{key}: {{based_on: corrected}}}}}}\n", encoding="utf-8")
+    refused(path, f"YAML reads it as {value!r}: write it in quotes")
+    path.write_text(f"powered_descent: {{choices: {{noise_unit: {{values: {{{key}: {{}}}}}}}}}}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="write it in quotes"):
+        load(path)
+
+
+def test_a_false_value_of_a_choice_is_to_be_quoted(tmp_path):
+    refused(written(tmp_path, {"choices": {"noise_unit": False}}), "YAML reads it as False: write it in quotes")
+
+
+@pytest.mark.parametrize(
+    ("choice", "problem"),
+    [
+        ("{asks: x, because: withheld, values: {a: {}}}", "a choice needs at least two values"),
+        ("{asks: x, because: withheld, only_if: {noise_unit: [newtn]}, values: {a: {}, b: {}}}", "'newton'"),
+        ("{asks: x, because: withheld, range: {input: noise.noise, between: [1, 2], source: x}}", "noise.noise_"),
+        (
+            "{asks: x, because: withheld, range: {input: mission.segment_durations, between: [1.0, 2.0], source: x}}",
+            "is of no number",
+        ),
+    ],
+)
+def test_a_malformed_choice_of_a_user_is_told_at_their_file(tmp_path, choice, problem):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"powered_descent:\n  choices:\n    mine: {choice}\n", encoding="utf-8")
+    refused(path, f"{path}:3: powered_descent.choices.mine", problem)
+
+
+@pytest.mark.parametrize(
+    ("other", "problem"),
+    [
+        ("based_on: corected", "based_on: there is no reading 'corected'; did you mean 'corrected'?"),
+        ("based_on: corrected, mission: {segment_durations: {value: [1.0, 2.0]}}", "the key 'source' is missing"),
+    ],
+)
+def test_one_fault_of_a_file_hides_no_other_though_it_is_in_the_same_line(tmp_path, other, problem):
+    path, fault = tmp_path / "mine.yaml", "noise: {noise_coefficient: {value: 0.03, source: assumed}}"
+    path.write_text(f"powered_descent: {{readings: {{mine: {{{fault}, {other}}}}}}}\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load(path)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 2
+    assert any("write 'assumed: ' and the reason" in line for line in lines)
+    assert any(problem in line for line in lines)
 
 
 # -------------------------------------------------------------------------------------- what is refused: the project's

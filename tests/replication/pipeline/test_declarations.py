@@ -171,6 +171,14 @@ def test_products_declare_artifacts_optional_ones_and_printed_values(read):
     assert (table.needs, table.inputs, table.published) == (("nominal",), ("planet.radius",), True)
 
 
+@pytest.mark.parametrize("setting", ["priority=HIGH", "claimed_in=READINGS", "**SETTINGS"])
+def test_a_setting_of_a_stage_that_is_no_literal_is_refused(read, setting):
+    body = PACKAGE["studies"].replace('claimed_in=("corrected",), priority=3', setting)
+    assert setting in body
+    with pytest.raises(InputError, match=r"toy.studies:curvature: write .* of 'stage' as a literal"):
+        read(studies=body)
+
+
 def test_an_unknown_parameter_names_the_nearest(read):
     with pytest.raises(InputError, match=r"figures:fig01: the parameter 'nominl' is not a section.*mean 'nominal'\?"):
         read(figures="def fig01(nominl):\n    return nominl\n")

@@ -1,6 +1,7 @@
 """What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
 
 import errno
+import logging
 import os
 import subprocess
 import sys
@@ -11,12 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.errors import NOTES, MarsedlError, SolverError
 from marsedl.replication.inputs.sections import Section, given, vector
 from marsedl.replication.pipeline import jobs, numerics
 from marsedl.replication.pipeline.libraries import versions_used
+from marsedl.replication.pipeline.sharing import artifact_of, artifact_path
 from marsedl.replication.records import fields, store
-from marsedl.replication.records.recipes import recipe_digest
+from marsedl.replication.records.recipes import file_digest, read_record, recipe_digest
 
 SOURCE = Path(__file__).parents[3] / "src"
 LIBRARIES = versions_used(frozenset({"numpy"}))
@@ -162,14 +164,71 @@ def test_a_stage_is_saved_with_what_it_was_made_from(build):
 
 def test_a_job_records_what_its_products_were_made_from_if_it_comes_to_its_end(tmp_path, pinned):
     record = tmp_path / "recipes" / "fig01.txt"
-    snakemake = job_of(tmp_path, record=(str(record), "abc"))
+    snakemake = job_of(tmp_path, record=(str(record), ["abc", "def"]))
+    (product,) = map(Path, snakemake.output)
     with jobs.guarded(snakemake) as job:
         assert (job.paper, job.reading) == ("p", "r")
-    assert record.read_text(encoding="ascii") == "abc\n"
+        product.write_text("one", encoding="utf-8")
+    assert read_record(record) == (["abc", "def"], {str(product): file_digest(product)})
     assert (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8") == ""
+    before = record.read_bytes()
     with pytest.raises(SystemExit), jobs.guarded(snakemake):
+        product.write_text("half of another", encoding="utf-8")
         raise MarsedlError("no")
-    assert not record.exists()
+    assert record.read_bytes() == before, "no job takes a record away, be it its own or another's"
+    assert read_record(record)[1][str(product)] != file_digest(product), "what a failed job left is not that"
+
+
+@pytest.mark.parametrize("users", [True, False])
+def test_what_a_reading_does_is_in_the_log_and_a_user_is_told_of_their_own(tmp_path, pinned, capsys, users):
+    with jobs.guarded(job_of(tmp_path, users=users)):
+        logging.getLogger(NOTES).warning("flights leave the table")
+    assert (tmp_path / "logs" / "gains.log").read_text(encoding="utf-8") == "flights leave the table\n"
+    assert capsys.readouterr().err == ("flights leave the table\n" if users else "")
+
+
+@pytest.mark.parametrize("above", ["", "a/", ".snakemake/storage/s3/bucket/"])
+def test_an_artifact_is_known_by_the_end_of_its_path(above):
+    path = artifact_path("powered_descent", "mine", "chunks/closed_loop.0of4")
+    assert artifact_of(above + path) == ("powered_descent", "mine", "chunks/closed_loop.0of4")
+
+
+# ------------------------------------------------------------------------------------------------------------- starts
+
+
+@pytest.mark.parametrize("name", [".numba_config.yaml", "ipopt.opt"])
+def test_settings_of_a_library_in_the_working_directory_are_refused(tmp_path, monkeypatch, failing, name):
+    """The second changes optimal trajectories without a word."""
+    monkeypatch.chdir(tmp_path)
+    numerics.check_start()
+    (tmp_path / name).write_text("max_iter 3\n", encoding="utf-8")
+    with pytest.raises(MarsedlError, match=f"{name}: changes the settings of .*; move it to another folder"):
+        numerics.check_start()
+    assert f"{name}: changes the settings" in failing()
+
+
+@pytest.mark.parametrize("python", [["-OO"], []])
+def test_a_python_without_docstrings_is_refused_in_a_line(python):
+    environment = os.environ | {"PYTHONPATH": str(SOURCE)} | ({} if python else {"PYTHONOPTIMIZE": "2"})
+    command = [sys.executable, *python, "-m", "marsedl.cli", "list"]
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (process.returncode, process.stdout) == (2, "")
+    assert process.stderr.startswith("marsedl: Python drops docstrings") and process.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "folder", ["my study", "R&D", "it's", 'a"b', "a$b", "{a,b}", "a*", "a;b", "a`b", "a\\b", "a:b"]
+)
+def test_a_path_that_bash_does_not_take_is_refused(monkeypatch, folder):
+    monkeypatch.setattr(sys, "executable", f"/home/{folder}/.venv/bin/python")
+    with pytest.raises(MarsedlError, match=r"Snakemake runs no Python whose path has .*; move the project"):
+        numerics.check_start()
+
+
+@pytest.mark.parametrize("folder", ["étude", "a-b_c.d,e+f=g@h%"])
+def test_a_path_that_bash_takes_is_accepted(monkeypatch, folder):
+    monkeypatch.setattr(sys, "executable", f"/home/{folder}/.venv/bin/python")
+    numerics.check_start()
 
 
 # ------------------------------------------------------------------------------------------------------------ failures

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline import kernel_cache
 from marsedl.replication.pipeline.fingerprints import Fingerprints
 
@@ -162,3 +163,10 @@ print(digest(rates))
     assert "- gravity" in text
     path.write_text(text.replace("- gravity", "+ gravity"), encoding="utf-8")
     assert name(copy) != before
+
+
+def test_a_cache_that_cannot_be_written_is_said_in_a_line(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("a file of somebody else", encoding="utf-8")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache" / "numba"))
+    with pytest.raises(MarsedlError, match=r"numba: cannot be written \(Not a directory\); let all who share"):
+        kernel_cache._take_turns.__wrapped__()

@@ -11,7 +11,7 @@ inputs of the reading `corrected`; a choice that it leaves out stays as it is th
 import math
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -114,6 +114,15 @@ class Choice:
             return (self.range.input,)
         return tuple(dict.fromkeys(name for one in self.alternatives.values() for name in one))
 
+    def sets(self) -> dict[str, object]:
+        """Return what the choice sets and how it is varied, without the words about it."""
+        alternatives = {
+            value: {name: one.value for name, one in sources.items()} for value, sources in self.alternatives.items()
+        }
+        varied = {"kind": self.kind, "only_if": self.only_if, "apart": self.apart, "corrected": self.corrected}
+        limits = asdict(replace(self.range, source="")) if self.range else None
+        return {**varied, "alternatives": alternatives, "range": limits}
+
     def checked(self, value: object, where: str = "") -> Value:
         """Return a value that the choice has; raises InputError with the nearest one otherwise."""
         if self.range is None:
@@ -174,7 +183,7 @@ class Choices:
         """Return the value of a choice that an assignment leaves out."""
         return self.base.get(choice.name, choice.corrected)
 
-    def placed(self, printed: Sources, corrected: Sources, place: Place) -> "Choices":
+    def placed(self, printed: Sources, corrected: Sources, places: Mapping[str, Place]) -> "Choices":
         """Return the choices with their values in two readings; InputError for a range of what is no number."""
         placed = {}
         for one in self:
@@ -183,7 +192,7 @@ class Choices:
             except (IndexError, TypeError, ValueError):
                 problem = f"is of no number in {one.range.input}"
                 remedy = "name one of a list by 'component', and none of a single number"
-                raise InputError(f"{place / one.name / 'range'}: {problem}; {remedy}") from None
+                raise InputError(f"{places[one.name] / 'range'}: {problem}; {remedy}") from None
             placed[one.name] = replace(one, printed=values[0], corrected=values[1])
         return Choices(placed)
 
@@ -219,13 +228,13 @@ class Choices:
         return dict(sources)
 
 
-def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Place) -> Choices:
-    """Return the choices of a paper from what is written, as `written_choices` of its typed inputs."""
-    found = {name: _choice(name, one, model, place / name) for name, one in written.items()}
+def of_written(written: Mapping[str, typing.Any], model: type[Inputs], places: Mapping[str, Place]) -> Choices:
+    """Return the choices of a paper from what is written, as `written_choices` of its typed inputs; places: by name."""
+    found = {name: _choice(name, one, model, places[name]) for name, one in written.items()}
     setters: dict[str, Choice] = {}
     for one in found.values():
         for other, those in one.only_if.items():
-            at = place / one.name / "only_if"
+            at = places[one.name] / "only_if"
             if other not in found:
                 raise InputError(f"{at}: there is no choice {shown(other)}; {nearest(other, found)}")
             for value in those:
@@ -234,7 +243,7 @@ def of_written(written: Mapping[str, typing.Any], model: type[Inputs], place: Pl
         for name in one.inputs if not (one.range and one.range.is_factor) else ():
             key = f"{name}[{one.range.component}]" if one.range and one.range.component is not None else name
             if key in setters and setters[key].name not in one.only_if and one.name not in setters[key].only_if:
-                raise InputError(f"{place / one.name}: {key} is set by the choice '{setters[key].name}' too; join them")
+                raise InputError(f"{places[one.name]}: {key} is set by the choice '{setters[key].name}' too; join them")
             setters[key] = one
     return Choices(found)
 

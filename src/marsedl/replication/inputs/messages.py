@@ -24,6 +24,10 @@ class Place:
         """Return the place of a key below this one."""
         return replace(self, keys=(*self.keys, key))
 
+    def written(self) -> object:
+        """Return what is written there."""
+        return functools.reduce(lambda node, key: node[key], self.keys, self.document)
+
     def __str__(self) -> str:
         """Return the place as "file:line: key.key", with the line of the innermost key that has one."""
         line, node = None, self.document
@@ -50,9 +54,19 @@ def checked(model: type[Model], value: object, place: Place) -> Model:
         # First unknown keys: one may be a missing one, misspelt, which is not told as well.
         faults = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     unknown = {fault["loc"][:-1] for fault in faults if fault["type"] == "extra_forbidden"}
-    told = [_fault(model, one, place) for one in faults if one["type"] != "missing" or one["loc"][:-1] not in unknown]
+    those = [one for one in faults if one["type"] != "missing" or one["loc"][:-1] not in unknown]
     # Of a key one fault: of several types that it may have, none fits.
-    raise InputError("\n".join({text.partition(": ")[0]: text for text in reversed(told)}.values()))
+    told = {_keys_of(one, value): _fault(model, one, place) for one in reversed(those)}
+    raise InputError("\n".join(told.values()))
+
+
+def _keys_of(fault: typing.Mapping, value: object) -> tuple:
+    """The keys that lead to a fault, as they are written: behind them pydantic names the types that it tried."""
+    for count, key in enumerate(fault["loc"]):
+        if not isinstance(value, dict) or key not in value:
+            return fault["loc"][:count]
+        value = value[key]
+    return fault["loc"]
 
 
 def _fault(model: type[BaseModel], fault: typing.Mapping, place: Place) -> str:
@@ -78,6 +92,8 @@ def sentence(fault: typing.Mapping, written: object = ...) -> str:
     """Return what is wrong by an entry of `ValidationError.errors`, and the value as it is written unless left out."""
     message = fault["msg"].removeprefix("Value error, ").replace("valid tuple", "valid list").replace("Tuple", "List")
     given = "" if written is ... else f" (given: {shown(written)})"
+    if fault["type"] == "string_type" and not isinstance(fault["input"], dict | list):
+        given += f"; YAML reads it as {shown(fault['input'])}: write it in quotes"
     is_number = re.fullmatch(r"[+-]?[0-9]+(,[0-9]+|[eE][+-]?[0-9]+)", str(fault["input"]).strip())
     hint = "; YAML reads this as text: write the number with a point, as in 0.03 or 1.0e+5" if is_number else ""
     return f"{message}{given}{hint}"

@@ -4,11 +4,13 @@ A reading is written as the inputs that differ from the reading it is `based_on`
 source and, if one likes, its unit; a section may name the `source` of all of its inputs that name none.
 """
 
+import contextlib
+import copy
 import hashlib
 import inspect
 import json
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -71,6 +73,7 @@ class Study:
     universes: typing.Any = None
     # How many universes fill the space, which choices are varied by themselves (None: all), in how many at most.
     designs: tuple[int, typing.Sequence[str] | None, int | None] = (0, None, None)
+    whole: int = 0  # universes that fill the space in a new run, which varies all choices by themselves
     universe_jobs: int = 1
     root: Path = Path()  # of the files that inputs name
     limits: tuple[tuple[Limits, Place], ...] = ()
@@ -80,12 +83,6 @@ class Study:
         if name not in self.readings:
             raise InputError(f"{self.paper} has no reading '{name}'; {nearest(name, self.readings)}")
         return self.readings[name]
-
-    def assignment_of(self, name: str) -> dict[str, typing.Any]:
-        """Return the values of choices that a reading has and a universe that leaves them out does not."""
-        sources, base = self.readings[name].sources, self.readings[CORRECTED].sources
-        values = {one.name: (one.value_in(sources, base), self.choices.default(one)) for one in self.choices}
-        return {name: value for name, (value, default) in values.items() if value not in (None, default)}
 
     def universe(self, assignment: Assignment, inputs: Mapping[str, object] = {}, seed: int = 0) -> Reading:
         """Return `corrected` with values of choices by name, and with the numbers of trials of universes.
@@ -102,10 +99,20 @@ class Study:
         made = _inputs(model, self.root, sources, Place("universe"))
         return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources))
 
+    def without_own_readings(self) -> "Study":
+        """Return the configuration without the readings of a user's file."""
+        readings = {name: one for name, one in self.readings.items() if name not in self.own_readings}
+        built = tuple(name for name in self.built if name in readings)
+        return replace(self, readings=readings, built=built, own_readings=frozenset())
+
     def limited(self, reading: Reading) -> Reading:
-        """Return a reading with the limits of the size that is built and of universes."""
+        """Return a reading with the limits of the size that is built and of universes, of which the lowest counts."""
+        lowest: dict[str, dict[str, float]] = {}
         for limits, place in self.limits:
-            reading = _limited(reading, self.root, limits, place)
+            for section, own in limits.items():
+                of = lowest.setdefault(section, {})
+                of.update({name: min(limit, of.get(name, limit)) for name, limit in own.items()})
+            reading = _limited(reading, self.root, {section: lowest[section] for section in limits}, place)
         return reading
 
 
@@ -123,16 +130,51 @@ def load_studies(
     own = own_configuration(models)
     files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
     for file in files:
-        checked(own, file.document, file)
-        config = {**file.document, **config}
-    # Of several files, Snakemake does not tell which one a key is of.
-    place = files[0] if len(files) == 1 else Place(", ".join(file.origin for file in files) or "--config")
-    settings = checked(own, config, place)
+        try:
+            checked(own, file.document, file)
+        except InputError as error:
+            raise InputError("\n".join([str(error), *_unknown_bases(file, models, root)])) from None
+    places = _own_places(models, files)
+    # Settings of the command line count before those of a file, and of files the last.
+    of_files = {key: part for file in files for key, part in file.document.items() if key not in models}
+    config = of_files | copy.deepcopy(dict(config))
+    checked(own, config, Place("--config"))
+    for (slug, kind, name), at in places.items():
+        if config.setdefault(slug, {}).setdefault(kind, {}).setdefault(name, at.written()) != at.written():
+            raise InputError(f"{at}: --config changes it; write the change into the file")
+    settings = checked(own, config, Place("--config"))
     studies = {}
     for slug, model in models.items():
-        study = _study(slug, model, root, settings, place / slug, files)
+        study = _study(slug, model, root, settings, places, files)
         studies[slug] = replace(study, own_choices=config.get(slug, {}).get("choices", {}))
     return studies
+
+
+def _unknown_bases(file: Place, models: Iterable[str], root: Path) -> Iterator[str]:
+    """Say of a file that is malformed elsewhere which of its readings are based on one that there is not."""
+    for slug in models:
+        place = file / slug / "readings"
+        with contextlib.suppress(KeyError, TypeError, AttributeError):  # nothing is written there, or something else
+            own = place.written()
+            bases = [(name, body["based_on"]) for name, body in own.items() if "based_on" in body]
+            known = {*own, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
+            for name, base in bases:
+                if base not in known:
+                    at = place / name / "based_on"
+                    yield f"{at}: there is no reading {shown(base)}; {nearest(str(base), known)}"
+
+
+def _own_places(models: Iterable[str], files: Iterable[Place]) -> dict[tuple[str, str, str], Place]:
+    """Return where the files of a user hold their readings and choices, by paper, kind and name; InputError for two."""
+    places: dict[tuple[str, str, str], Place] = {}
+    for file in files:
+        for slug in file.document.keys() & models:
+            for kind, named in file.document[slug].items():
+                for name in named:
+                    at = file / slug / kind / name
+                    if (other := places.setdefault((slug, kind, name), at)) is not at:
+                        raise InputError(f"{at}: stands in {other} too; give one of them another name")
+    return places
 
 
 def load_study(paper: str, model: type[Inputs], root: Path, size: str = FULL, choices: Mapping = {}) -> Study:
@@ -161,20 +203,28 @@ def _digest(values: dict) -> str:
 
 
 def _study(
-    slug: str, model: type[Inputs], root: Path, settings: Settings, own_place: Place, files: Iterable[Place]
+    slug: str,
+    model: type[Inputs],
+    root: Path,
+    settings: Settings,
+    places: Mapping[tuple[str, str, str], Place],
+    files: Iterable[Place],
 ) -> Study:
     path = Path("configs") / f"{slug}.yaml"
     place = Place(str(path), read_yaml(root / path))
     file, part = checked(configuration(model), place.document, place), getattr(settings, slug)
     bodies = {name: (place / "readings" / name, body) for name, body in file.readings.items()}
     for name, body in part.readings.items():
-        at, remedy = own_place / "readings" / name, f"choose another name and write 'based_on: {name}'"
+        at = places.get((slug, "readings", name), Place("--config") / slug / "readings" / name)
+        remedy = f"choose another name and write 'based_on: {name}'"
         if bodies.setdefault(name, (at, body))[0] is not at:
             raise InputError(f"{at}: the name belongs to a reading of {path}; {remedy}")
-    choices = of_written(_joined(file.choices, part.choices), model, place / "choices")
+    at = {name: place / "choices" / name for name in file.choices}
+    at |= {n: places.get((slug, "choices", n), Place("--config") / slug / "choices" / n) for n in part.choices}
+    choices = of_written(_joined(file.choices, part.choices), model, at)
     readings, left_out = _resolved(model, root, bodies, choices), set()
     if choices:
-        choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, place / "choices")
+        choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, at)
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
     designs = (file.universes.space_filling, file.universes.one_at_a_time, None)
@@ -184,14 +234,12 @@ def _study(
         place = place / "sizes" / settings.size
         readings = {name: _limited(reading, root, limits, place) for name, reading in readings.items()}
         bounds, designs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL)
-    if settings.universes:
-        designs = (settings.universes, None, None)
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
     built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *part.readings))
     return Study(
         *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
         *(frozenset(part.readings), settings.size, choices, {}, file.universes, designs),
-        *(settings.chunks or file.universes.jobs, root, tuple(bounds)),
+        *(settings.universes or file.universes.multiverse, settings.chunks or file.universes.jobs, root, tuple(bounds)),
     )
 
 

@@ -54,6 +54,10 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
 
     def stage_of(entry: str) -> Stage:
         takes, function = taken_of(entry), functions[entry]
+        if unread := function["unread"].get(STAGE):
+            raise InputError(
+                f"{entry}: write {', '.join(unread)} of 'stage' as a literal: nothing is imported to read it"
+            )
         settings, meaning = function["decorators"][STAGE], function["summary"].rstrip(".")
         return Stage((entry,), takes.inputs, takes.needs, meaning, **settings)
 

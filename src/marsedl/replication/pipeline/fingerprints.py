@@ -40,6 +40,7 @@ MACHINERY = frozenset(
         *("pipeline.sharing", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
     )
 )
+SAID = ("errata", "choices", "close", "by_construction", "counterexample")  # by `@claim(...)`, beside the reason
 AT_IMPORT = "(at import)"  # the name of statements that act when their module is imported
 
 Place = tuple[str, str]  # a module, and a dotted name in it; no name: the whole module, or a library
@@ -67,7 +68,7 @@ class Fingerprints:
         """Take the file that remembers, the folder of the package and that of the scripts."""
         self._memory, self._root, self._scripts = memory, source_root, scripts
         self._module = cache(self._read_module)
-        self._behind: dict[Place, list[Place]] = {}
+        self._behind: dict[tuple[Place, bool], list[Place]] = {}
         self._key, self._known = self._key_now(), {}
         with contextlib.suppress(OSError, ValueError, LookupError, TypeError):  # nothing remembered that can be used
             self._known = dict(json.loads(memory.read_text(encoding="utf-8"))[self._key])
@@ -76,6 +77,13 @@ class Fingerprints:
     def code(self, entry: str) -> str:
         """SHA-256 (hexadecimal) of all code of the source that an entry reaches."""
         return self._facts(entry)[0]
+
+    def measuring(self, entry: str) -> str:
+        """SHA-256 of the code by which a claim is measured: that of `code` without what `@claim(...)` says of it.
+
+        Names and options of a decorator count; reasons, errata, choices, tolerances and counterexamples do not.
+        """
+        return self._of(f"measuring {entry}", lambda: _digest(*self._reached(entry, words=False)[:2]))
 
     def libraries(self, entry: str) -> list[str]:
         """Sorted top-level modules of the libraries, without the standard one, whose names that code uses."""
@@ -115,7 +123,8 @@ class Fingerprints:
         """Return what the functions of a package's own modules declare, by "package.module:function".
 
         A function has `parameters` (those that may be given by position; True for one that may be left out), `summary`
-        (the first line of its docstring) and `decorators` (their literal arguments by their names).
+        (the first line of its docstring), `decorators` (their literal arguments by their names) and `unread` (names of
+        their other arguments).
         """
 
         def declared() -> dict[str, dict]:
@@ -162,24 +171,27 @@ class Fingerprints:
         path = next((path for path in paths if name and name not in MACHINERY and path.is_file()), None)
         return path and _parsed(path, path.read_bytes())
 
-    def _reached(self, *entries: str) -> tuple[dict[str, list[ast.stmt]], set[str], set[str]]:
-        """All that entries reach: definitions by "module:name", imports, and top-level modules of libraries."""
+    def _reached(self, *entries: str, words: bool = True) -> tuple[dict[str, list[ast.stmt]], set[str], set[str]]:
+        """All that entries reach: definitions by "module:name", imports, and top-level modules of libraries.
+
+        words: whether what is said of claims counts, see `measuring`.
+        """
         definitions, imports, libraries = {}, set(), set()
         pending, seen = [self._entry(entry) for entry in entries], set()
         while pending:
             if (place := pending.pop()) in seen:
                 continue
             seen.add(place)
-            if place not in self._behind:
-                self._behind[place] = list(self._references(*place))
-            pending += self._behind[place]
+            if (place, words) not in self._behind:
+                self._behind[place, words] = list(self._references(*place, words))
+            pending += self._behind[place, words]
             name, first, module = place[0], place[1].partition(".")[0], self._module(place[0])
             if module is None:
                 libraries.add(name)
                 continue
             imports.update(f"{name}:{first} = {target}" for target in module.imports.get(first, ()))
             if first in module.definitions:
-                definitions[f"{name}:{first}"] = module.definitions[first]
+                definitions[f"{name}:{first}"] = [one if words else _unsaid(one) for one in module.definitions[first]]
         return definitions, imports, libraries
 
     def _entry(self, entry: str) -> Place:
@@ -190,7 +202,7 @@ class Fingerprints:
             raise InputError(f"{entry}: there is no such function in {self._root}; {nearest(symbol, known)}")
         return name, symbol
 
-    def _references(self, name: str, symbol: str) -> Iterator[Place]:
+    def _references(self, name: str, symbol: str, words: bool) -> Iterator[Place]:
         """What a dotted name of a module refers to; no name stands for all of the module."""
         module, (first, _, rest) = self._module(name) or NOTHING, symbol.partition(".")
         symbols = module.definitions | module.imports
@@ -198,7 +210,7 @@ class Fingerprints:
         for target in module.imports.get(first, ()):
             yield from self._places(target, rest)
         for statement in module.definitions.get(first, ()):
-            names, imports = _uses(statement)
+            names, imports = _uses(statement if words else _unsaid(statement))
             for used in names:
                 first, _, rest = used.partition(".")
                 if first in symbols:
@@ -256,17 +268,21 @@ def _parsed(path: Path, source: bytes) -> Module:
 
 def _signature(function: ast.FunctionDef) -> dict:
     """What a function declares, see `Fingerprints.functions`."""
-    decorators = {}
+    decorators, unread = {}, {}
     for decorator in function.decorator_list:
         called = decorator.func if isinstance(decorator, ast.Call) else decorator
-        with contextlib.suppress(ValueError):  # only literals declare something
-            literals = {k.arg: ast.literal_eval(k.value) for k in getattr(decorator, "keywords", ()) if k.arg}
-            decorators[ast.unparse(called)] = literals
+        name, keywords = ast.unparse(called), getattr(decorator, "keywords", ())
+        literals = decorators[name] = {}
+        for keyword in keywords:
+            try:
+                literals[keyword.arg] = ast.literal_eval(keyword.value)
+            except ValueError:  # only literals declare something
+                unread.setdefault(name, []).append(keyword.arg or "**")
     names = [parameter.arg for parameter in (*function.args.posonlyargs, *function.args.args)]
     required = len(names) - len(function.args.defaults)
     parameters = {name: number >= required for number, name in enumerate(names)}
     summary = (ast.get_docstring(function) or "").partition("\n")[0]
-    return {"parameters": parameters, "summary": summary, "decorators": decorators}
+    return {"parameters": parameters, "summary": summary, "decorators": decorators, "unread": unread}
 
 
 def _defined(statement: ast.stmt) -> set[str]:
@@ -285,6 +301,21 @@ _text = cache(ast.dump)  # a statement without comments, docstrings and position
 def _digest(definitions: dict[str, list[ast.stmt]], imports: set[str]) -> str:
     texts = [(name, *map(_text, statements)) for name, statements in sorted(definitions.items())]
     return hashlib.sha256(repr((texts, sorted(imports))).encode()).hexdigest()
+
+
+@cache
+def _unsaid(statement: ast.stmt) -> ast.stmt:
+    """A function without what the decorators `claim(...)` say of it; any other statement as it is."""
+    if not isinstance(statement, ast.FunctionDef):
+        return statement
+    decorators = []
+    for one in statement.decorator_list:
+        if isinstance(one, ast.Call) and _dotted(one.func) == "claim":
+            measured = [keyword for keyword in one.keywords if keyword.arg not in SAID]
+            one = ast.Call(ast.Name("dict"), [], measured)
+        decorators.append(one)
+    parts = {name: getattr(statement, name) for name in statement._fields}
+    return ast.FunctionDef(**parts | {"decorator_list": decorators})
 
 
 @cache

@@ -1,6 +1,7 @@
 """What every job of the workflow does around its science: load, save, and report failures."""
 
 import contextlib
+import logging
 import os
 import sys
 import traceback
@@ -8,11 +9,13 @@ import typing
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.errors import NOTES, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.numerics import assert_numerics
 from marsedl.replication.pipeline.runner import computed
+from marsedl.replication.pipeline.sharing import artifact_of
+from marsedl.replication.records.recipes import write_record
 
 
 class Job:
@@ -57,7 +60,7 @@ class Job:
         from marsedl.replication.records import store
 
         if (path, kind) not in self._loaded:
-            _, _, paper, reading, *_ = Path(path).parts
+            paper, reading, _ = artifact_of(path)
             self._loaded[path, kind] = store.load(path, kind, paper=paper, reading=reading)
         return self._loaded[path, kind]
 
@@ -99,19 +102,20 @@ def parameter_of(path: str) -> str:
 def guarded(snakemake) -> Iterator[Job]:
     """Run a job's body: a failure prints one message that names job and log, which gets the traceback and it."""
     log, job = Path(snakemake.log[0]), Job(snakemake)
+    notes = logging.getLogger(NOTES)
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text("")
+        # What a reading of the project does is known, and can be read in the log; a user is told of their own.
+        notes.addHandler(logging.StreamHandler() if job.made.get("users") else logging.NullHandler())
+        notes.addHandler(logging.FileHandler(log, encoding="utf-8", delay=True))
         assert_numerics()
         job.check_libraries()
-        # What the products are made from is recorded when the job ends; until then nothing is.
-        path, digest = job.made.get("record", ("", ""))
-        if path:
-            Path(path).unlink(missing_ok=True)
         yield job
-        if path:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(f"{digest}\n", encoding="ascii")
+        # What the products are made from is recorded when the job ends. A killed job leaves files that are not those
+        # of the record.
+        if "record" in job.made:
+            write_record(*job.made["record"], snakemake.output)
     except Exception as error:
         folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).resolve().parents[1])
         place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading, "job": log.stem}
@@ -121,6 +125,8 @@ def guarded(snakemake) -> Iterator[Job]:
             log.write_text(f"{traceback.format_exc()}{message}", encoding="utf-8")
         print(message, file=sys.stderr)
         sys.exit(1)
+    finally:
+        notes.handlers.clear()
 
 
 def failure(log: Path) -> str:

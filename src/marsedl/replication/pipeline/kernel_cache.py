@@ -6,6 +6,8 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from marsedl.replication.errors import MarsedlError
+
 LOCATOR = f"{__name__}.Kernels"  # for numba's variable NUMBA_CACHE_LOCATOR_CLASSES
 
 
@@ -44,8 +46,12 @@ def _take_turns() -> None:
     from numba.core import event
 
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = (folder / "lock").open("w")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / "lock").open("w")
+    except OSError as error:
+        remedy = "let all who share the project's folder write it"
+        raise MarsedlError(f"{folder}: cannot be written ({error.strerror}); {remedy}") from None
 
     @cache  # so that it is said once
     def say(message: str) -> None:

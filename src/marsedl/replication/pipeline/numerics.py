@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 import sys
 from pathlib import Path
 
@@ -23,6 +24,29 @@ NUMERIC_ENVIRONMENT = {
 # Variables beside these that choose instruction sets or the way kernels are compiled: a shell's do not reach jobs.
 _OF_A_SHELL = ("NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES")
 _OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
+# Settings that libraries read from the working directory, whoever starts them there. Matplotlib's are dropped where
+# figures are drawn.
+_SETTINGS_FILES = {".numba_config.yaml": "numba", "ipopt.opt": "IPOPT"}
+
+
+def check_start() -> None:
+    """Refuse to start where jobs would fail or give other numbers.
+
+    Raises:
+        MarsedlError: for a Python whose path bash does not take as it is, one that drops docstrings, which describe
+            artifacts, or a working directory with settings of a library.
+
+    """
+    if found := re.search(r"[^\w@%+=,./-]", sys.executable):
+        raise MarsedlError(
+            f"{sys.executable}: Snakemake runs no Python whose path has {found[0]!r}; move the project, or its "
+            "environment, to a path of letters, digits and _.,+=@%-"
+        )
+    if sys.flags.optimize > 1:
+        raise MarsedlError("Python drops docstrings, which describe artifacts: unset PYTHONOPTIMIZE, or leave -OO out")
+    for name, library in _SETTINGS_FILES.items():
+        if Path(name).exists():
+            raise MarsedlError(f"{Path(name).absolute()}: changes the settings of {library}; move it to another folder")
 
 
 def pin_numerics(root: Path, *, here: bool = True) -> None:
@@ -33,7 +57,8 @@ def pin_numerics(root: Path, *, here: bool = True) -> None:
         here: this process computes too. Then numpy, which reads the environment once, must not be imported yet.
 
     Raises:
-        MarsedlError: if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL.
+        MarsedlError: if this processor lacks what OpenBLAS's pinned kernels use: it would end with SIGILL; and as
+            `check_start` does.
         RuntimeError: if numpy was imported in another environment.
 
     """
@@ -42,6 +67,7 @@ def pin_numerics(root: Path, *, here: bool = True) -> None:
     from marsedl.replication.pipeline import kernel_cache
     from marsedl.replication.pipeline.fingerprints import fingerprints_of
 
+    check_start()
     features = get_host_cpu_features()
     if platform.machine() == "x86_64" and not (features.get("avx2") and features.get("fma")):
         raise MarsedlError(
@@ -64,7 +90,8 @@ def pin_numerics(root: Path, *, here: bool = True) -> None:
 
 
 def assert_numerics() -> None:
-    """Raise MarsedlError if this process was started without the pinned numeric environment."""
+    """Raise MarsedlError if this process was started without the pinned numeric environment, and as `check_start`."""
+    check_start()
     unset = [name for name, value in NUMERIC_ENVIRONMENT.items() if os.environ.get(name) != value]
     unset += [name for name in _OF_THIS_PROJECT if name not in os.environ]
     if unset:

@@ -161,11 +161,14 @@ def record_type(entries: Sequence[str]) -> type:
 def replay(folder: Path, paper: Paper, study: "Study", reading: str, trial: tuple[str, int], options: str = "") -> str:
     """Fly one trial (case and number) again and describe it; compares it with the ensemble if the build has that.
 
+    Of a reading of which `all` makes no files, what a trial needs is computed in memory where it is not built.
+
     options: those of Snakemake with which a missing artifact is built. Raises InputError for a case or trial that the
     reading does not have, or if an artifact is missing.
     """
     (case, number), shared = trial, Shared(paper, study)
     inputs, trials = study.readings[reading].inputs, study.readings[reading].trial_counts()
+    in_memory = Run.of(paper, inputs, Memory())
     if not trials.get(case):
         raise InputError(f"reading {reading} has no case '{case}'; {nearest(case, trials)}")
     if not 0 <= number < trials[case]:
@@ -175,6 +178,8 @@ def replay(folder: Path, paper: Paper, study: "Study", reading: str, trial: tupl
         path = shared.file(reading, name)
         if (folder / path).exists():
             return store.load(folder / path, kind, paper=paper.slug, reading=shared.owner(reading, name))
+        if required and reading in study.points:
+            return in_memory.record(name)
         if required:
             raise InputError(f"{folder / path} is not built yet; run 'snakemake {path}{options}' first")
         return None

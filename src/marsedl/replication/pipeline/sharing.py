@@ -13,7 +13,19 @@ from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, Paper, whole_case
 from marsedl.replication.records.recipes import recipe_digest
 
+ARTIFACTS = "data/cache/"
 TOGETHER = 10  # one job flies all cases of a reading that have at most this many blocks of trials
+
+
+def artifact_path(paper: str, reading: str, name: str) -> str:
+    """Return the path of an artifact, from the folder of the build on."""
+    return f"{ARTIFACTS}{paper}/{reading}/{name}.h5"
+
+
+def artifact_of(path: str) -> tuple[str, str, str]:
+    """Return paper, reading and name of the artifact at a path."""
+    paper, reading, name = path.rpartition(ARTIFACTS)[2].removesuffix(".h5").split("/", 2)
+    return paper, reading, name
 
 
 class Shared:
@@ -50,7 +62,7 @@ class Shared:
 
     def file(self, reading: str, name: str) -> str:
         """Return the path of an artifact, from the folder of the build on."""
-        return f"data/cache/{self.paper.slug}/{self.owner(reading, name)}/{name}.h5"
+        return artifact_path(self.paper.slug, self.owner(reading, name), name)
 
     def files(self, reading: str, needs: Iterable[str], optional: Iterable[str] = ()) -> dict[str, str]:
         """Return the paths of artifacts by the parameter that takes them; of the optional ones, those that exist."""

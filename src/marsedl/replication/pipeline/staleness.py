@@ -2,32 +2,33 @@
 
 A product's recipe holds what its job is given beside other products (inputs, digests of code and files, versions of
 libraries) and the digests of the recipes of those products (`needs`). An artifact keeps its recipe in its provenance.
-For all else, the job writes the digest of the recipe to a file below `RECORDS` when it ends. So a build knows what it
-was made from wherever it is copied, and Snakemake's own records may be lost.
+For all else, the job writes the digest of the recipe to a file below `RECORDS` when it ends, with those of its products
+as it wrote them. So a build knows what it was made from wherever it is copied, and Snakemake's own records may be lost.
 """
 
 import hashlib
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from marsedl.replication.errors import ArtifactError, StaleError
-from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.errors import ArtifactError, InputError, StaleError
+from marsedl.replication.inputs import CORRECTED, UNIVERSES
 from marsedl.replication.inputs.readings import Study, committed_inputs, counted_inputs
+from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import TEXTS, Paper, entry_of
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
-from marsedl.replication.pipeline.sharing import Shared
-from marsedl.replication.records.recipes import FORMAT, recipe_changes, recipe_digest
+from marsedl.replication.pipeline.sharing import ARTIFACTS, Shared, artifact_of
+from marsedl.replication.records.recipes import FORMAT, file_digest, read_record, recipe_changes, recipe_digest
 from marsedl.replication.sizes import FULL
 
-ARTIFACTS = "data/cache/"
 RECORDS = f"{ARTIFACTS}recipes/"  # beside the artifacts, as it is they that a copy of a build must have
 BENCHMARKS = "data/reference/benchmarks.csv"
+COMMITTED_RUNS = "data/reference/universes/"
+MEASURED_FROM = ("kind", "printed", "unit", "resolution", "trials", "input")  # of a printed claim, by what measures it
 _TEMPLATES = "src/marsedl/replication/report/templates"
 
 
@@ -57,11 +58,6 @@ class Recipes:
 
     # --- products
 
-    def artifact(self, path: str) -> tuple[str, str, str]:
-        """Return paper, reading and name of an artifact."""
-        paper, reading, name = path.rpartition(ARTIFACTS)[2].removesuffix(".h5").split("/", 2)
-        return paper, reading, name
-
     def claimed(self, paper: str, reading: str) -> dict[str, str]:
         """Return all artifacts of a reading that its claims use, by the name of the parameter that takes them."""
         return {name.split(".")[-1]: path for name, path in self.shared[paper].claimed(reading).items()}
@@ -87,11 +83,14 @@ class Recipes:
 
     # --- jobs
 
-    def _reached_by(self, script: str, *entries: str) -> dict[str, str]:
-        """Digests of all code behind a job and of the settings of all jobs, and versions of the libraries in use."""
+    def _reached_by(self, script: str, *entries: str, measuring: tuple[str, ...] = ()) -> dict[str, str]:
+        """Digests of all code behind a job and of the settings of all jobs, and versions of the libraries in use.
+
+        measuring: claims of which only what measures counts, and not what is said.
+        """
         settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
-        digests = [*map(self.sources.code, (script, *entries)), settings]
-        libraries = frozenset().union(*map(self.sources.libraries, (script, *entries)))
+        digests = [*map(self.sources.code, (script, *entries)), *map(self.sources.measuring, measuring), settings]
+        libraries = frozenset().union(*map(self.sources.libraries, (script, *entries, *measuring)))
         return {"code": " ".join(digest[:16] for digest in digests), "libraries": versions_used(libraries)}
 
     def _made(self, name: str, needs: Iterable[str], script: str, *entries: str, **own: object) -> Made:
@@ -99,15 +98,20 @@ class Recipes:
         return Made(name, own | self._reached(script, *entries), [*needs])
 
     def _file_digest(self, name: str) -> str:
-        path = self.root / name
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
+        """The digest of a file of the project; that of a committed run may be empty, as a paper need not have one."""
+        if name.startswith(COMMITTED_RUNS) and not (self.root / name).exists():
+            return ""
+        try:
+            return file_digest(self.root / name)
+        except OSError as error:
+            raise InputError(f"{self.root / name}: cannot be read ({error.strerror}); restore it") from None
 
     def _job(self, path: str) -> Made:
         """The job that makes a product; `job` remembers it."""
         stem = path.rpartition("/")[2].rpartition(".")[0]
         match path.split("/"):
             case "data", *_:
-                paper, reading, name = self.artifact(path)
+                paper, reading, name = artifact_of(path)
                 return Made("", self.shared[paper].recipe(reading, name), self.shared[paper].needs(reading, name))
             case "report", "claims", _:
                 return self._claims(stem)
@@ -117,7 +121,11 @@ class Recipes:
                 return self._made(*job, **self._judging(stem, [CORRECTED]))
             case "report", "universes", name if name.endswith(".json"):
                 return self._what_decides(stem)
-            case "report", "universes" | "points", *_:
+            case "report", "points", _:
+                return self._points(stem)
+            case "report", "universes", "whole" | "waves", _:
+                return self._universes(stem.partition(".")[0], "whole/")
+            case "report", "universes", _:
                 return self._universes(stem.partition(".")[0])
             case "report", "claims.json":
                 kinds = "claims", "counterexamples", "universes"
@@ -127,7 +135,7 @@ class Recipes:
                 return self._site()
             case _, "comparison", _:
                 return self._comparison(stem)
-            case _, paper, "universes", _:
+            case _, paper, folder, _ if folder == UNIVERSES:
                 return self._what_decides(paper)
             case _, paper, "claims.csv" | "claims.md" | "headline.png":
                 return self._claims(paper)
@@ -186,29 +194,78 @@ class Recipes:
         beside = self.papers[paper].beside
         return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
 
-    def _universes(self, paper: str) -> Made:
-        """A paper's universes and named readings: all stages, and what universes vary and how."""
-        study = self.studies[paper]
-        stages = [entry for stage in self.papers[paper].stages.values() for entry in stage.entries]
+    def _measuring(self, paper: str, script: str) -> dict[str, object]:
+        """What is the same for all universes and named readings of a paper: all stages, and what measures its claims.
+
+        Of what is printed and of choices, that is what functions are given, and no words.
+        """
+        stages = tuple(entry for stage in self.papers[paper].stages.values() for entry in stage.entries)
         constraint = self.sources.functions(f"marsedl.papers.{paper}.admissible")
-        return self._made(
-            *(f"report/universes/{paper}", [], "universes_chunk.py"),
-            *(*self._claims_entries(paper), *stages, *constraint),
-            designs=list(study.designs),
-            choices={one.name: asdict(one) for one in study.choices},
-            limits=[limits for limits, _ in study.limits],
-            redrawn=[*study.universes.redrawn, study.universes.tries],
-            points=list(study.points),
-            size=self.size,
-            own=study.own_choices,
-            **self._judging(paper, [CORRECTED, *study.points]) | {"artifacts": {}},
-        )
+        study, document = self.studies[paper], read_yaml(self.root / f"data/published/{paper}.yaml")
+        published = [
+            one for one in document.get("claims", ()) if isinstance(one, dict)
+        ]  # a job refuses what is malformed
+        return {
+            "inputs": {CORRECTED: self.shared[paper].values[CORRECTED]},
+            "choices": {one.name: one.sets() for one in study.choices},
+            "limits": [limits for limits, _ in study.limits],
+            "redrawn": [*study.universes.redrawn, study.universes.tries],
+            "size": self.size,
+            "own": study.own_choices,
+            "published": recipe_digest(
+                {one.get("id", ""): {key: one.get(key) for key in MEASURED_FROM} for one in published}
+            ),
+            "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
+            **self._reached(script, *stages, *constraint, measuring=tuple(self._claims_entries(paper))),
+        }
+
+    def _points(self, paper: str) -> Made:
+        """What the named readings of a paper give, which are evaluated in memory."""
+        inputs = {name: self.shared[paper].values[name] for name in (CORRECTED, *self.studies[paper].points)}
+        given = self._measuring(paper, "points.py") | {"inputs": inputs, "points": [*self.studies[paper].points]}
+        return Made(f"report/points/{paper}", given, [])
+
+    def _universes(self, paper: str, whole: str = "") -> Made:
+        """A paper's universes: what they are computed from, whichever they are (`world`), and which ones.
+
+        They are a sample of the committed run, if that is of the same world, else a few; `whole` are all that a new run
+        begins with.
+        """
+        given, study = self._measuring(paper, "universes_chunk.py"), self.studies[paper]
+        world = recipe_digest({**given, "code": given["code"].partition(" ")[2]})  # but for the script
+        which = {"designs": list(study.designs)}
+        if whole:
+            which["designs"] = [study.whole, None, None]
+        elif numbers := self._sample(paper, world):
+            run = f"{COMMITTED_RUNS}{paper}.h5"
+            which = {"sample": numbers, "files": {run: self._file_digest(run)}}
+        return Made(f"report/universes/{whole}{paper}", given | which | {"world": world}, [])
+
+    def _sample(self, paper: str, world: str) -> list[int]:
+        """The numbers of universes of the committed run that a build computes again; none if it is of another world.
+
+        They are drawn by the digests of the run and of the paper's claims, so that other builds see other ones.
+        """
+        from marsedl.replication.records.store import PROVENANCE, opened
+
+        run = self.root / COMMITTED_RUNS / f"{paper}.h5"
+        if not run.exists():
+            return []
+        with opened(run) as file:
+            if file[PROVENANCE].attrs.get("world") != world:
+                return []
+            numbers = [int(number) for number in file["number"][()]]
+        drawn = f"{self._file_digest(f'{COMMITTED_RUNS}{paper}.h5')} {recipe_digest(self._claims(paper).own)}"
+        by_chance = sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())
+        return sorted(by_chance[: self.studies[paper].universes.sample])
 
     def _what_decides(self, paper: str) -> Made:
-        """What the table of a paper's universes says, or the committed one."""
+        """What is said of a paper's claims by its table of universes, or by the committed one, and by its readings."""
         study = self.studies[paper]
         return self._made(
-            *(f"report/universes/{paper}_what_decides", [f"report/universes/{paper}.h5"], "what_decides.py"),
+            f"report/universes/{paper}_what_decides",
+            [f"report/universes/{paper}.h5", f"report/claims/{paper}.json"],
+            *("what_decides.py", *self._claims_entries(paper)),
             size=self.size,
             own=study.own_choices,
             choices={one.name: asdict(one) for one in study.choices},
@@ -255,13 +312,28 @@ class Recipes:
             self._digests[key] = recipe_digest(recipe)
         return self._digests[key]
 
-    def record(self, path: str) -> tuple[str, str]:
-        """Return the file in which a product's job records what it was made from, and the digest for it."""
-        path = re.search(r"(figures|report)/.*", path)[0]  # what is before that is where Snakemake keeps it
-        return f"{RECORDS}{self.job(path).name}.txt", self.digest(path)
+    def record(self, path: str) -> tuple[str, list[str]]:
+        """Return the file in which a product's job records what it was made from, and the digests for it.
 
-    def reason(self, path: str, folder: Path) -> str:
-        """Say why a product of the build in a folder is not what would be made now; raises ArtifactError if damaged."""
+        Behind that of the product's recipe stands the one that it has without a user's own readings: what it says of
+        the others does not change with them.
+        """
+        digests, own = [self.digest(path)], {name for study in self.studies.values() for name in study.own_readings}
+        if own and own.isdisjoint(path.split("/")):
+            digests.append(self._of_the_project.digest(path))
+        return f"{RECORDS}{self.job(path).name}.txt", digests
+
+    @cached_property
+    def _of_the_project(self) -> "Recipes":
+        """The recipes without a user's own readings."""
+        studies = {slug: study.without_own_readings() for slug, study in self.studies.items()}
+        return Recipes(self.root, self.papers, studies, self.comparisons, self.size)
+
+    def reason(self, path: str, folder: Path, *, beside: bool = False) -> str:
+        """Say why a product of the build in a folder is not what would be made now; raises ArtifactError if damaged.
+
+        beside: one that was made beside a user's own readings is good, too.
+        """
         if not (folder / path).exists():
             return "is missing"
         if path.startswith(ARTIFACTS):
@@ -272,11 +344,17 @@ class Recipes:
                     return ""
             changes = recipe_changes(provenance(folder / path), self.job(path).own)
             return f"was made from something else: {'; '.join(changes)}"
-        name, digest = self.record(path)
+        name, (digest, *_) = self.record(path)
         if not (folder / name).exists():
             return "has no record of what it was made from"
-        recorded = (folder / name).read_text(encoding="utf-8").strip()
-        return "" if recorded == digest else "was made from other inputs or code"
+        recipes, products = read_record(folder / name)
+        if digest not in recipes[: None if beside else 1]:
+            return "was made from other inputs or code"
+        for product, written in products.items():
+            if (folder / product).exists() and file_digest(folder / product) != written:
+                which = "" if product == path else f"goes with {product}, which "
+                return f"{which}was edited after its job wrote it{_of_another_paper(folder / product)}"
+        return ""
 
     def is_stale(self, path: str, folder: Path) -> bool:
         """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
@@ -303,5 +381,16 @@ class Recipes:
     def check(self, targets: Iterable[str], folder: Path, command: str) -> None:
         """Raise StaleError, which names the command to run, if a product or one behind it is not up to date."""
         for path in self.behind(targets):
-            if reason := self.reason(path, folder):
+            if reason := self.reason(path, folder, beside=True):
                 raise StaleError(f"{folder / path} {reason}; the build is not up to date, run '{command}'")
+
+
+def _of_another_paper(path: Path) -> str:
+    """Say whose universes stand where those of another paper belong."""
+    from marsedl.replication.records.store import opened
+
+    if path.suffix != ".h5":
+        return ""
+    with opened(path) as file:
+        paper = file.attrs["paper"]
+    return "" if paper == path.stem else f": it is of the paper '{paper}'"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.pipeline.catalogue import FLIGHTS
-from marsedl.replication.pipeline.staleness import ARTIFACTS, Recipes
+from marsedl.replication.pipeline.sharing import ARTIFACTS, artifact_of, artifact_path
+from marsedl.replication.pipeline.staleness import Recipes
 
 _PRODUCTS = ("figures/", ARTIFACTS, "report/claims/")  # of what a user may ask for by path
 
@@ -30,7 +31,7 @@ def check_targets(command: list[str], rules: Collection[str], recipes: Recipes) 
     files = _files(recipes) if any(path.startswith(_PRODUCTS) for path in paths) else set()
     for path in paths:
         if path.startswith(ARTIFACTS) and path in files:
-            paper, reading, name = recipes.artifact(path)
+            paper, reading, name = artifact_of(path)
             if path != (owned := recipes.shared[paper].file(reading, name)):
                 raise InputError(f"{path} is not built: the reading shares {owned}; ask for that")
     for word in itertools.takewhile(lambda word: not word.startswith("-"), words):
@@ -38,7 +39,7 @@ def check_targets(command: list[str], rules: Collection[str], recipes: Recipes) 
         if path in rules or path in files or "/chunks/" in path:
             continue
         if "/" not in word:
-            names = ["all", "claims", "report", *recipes.papers]
+            names = ["all", "papers", "claims", "report", *recipes.papers]
             raise InputError(f"there is no target '{word}'; {nearest(word, names)}")
         if path.startswith(_PRODUCTS):
             near = difflib.get_close_matches(path, files, n=1, cutoff=0.8)
@@ -54,7 +55,7 @@ def _files(recipes: Recipes) -> set[str]:
         stages = [stage for stage in paper.stages if not stage.startswith(FLIGHTS)]
         for name, reading in recipes.studies[slug].readings.items():
             artifacts = [*stages, *(f"{FLIGHTS}.{case}" for case in reading.trial_counts())]
-            files.update(f"{ARTIFACTS}{slug}/{name}/{artifact}.h5" for artifact in artifacts)
+            files.update(artifact_path(slug, name, artifact) for artifact in artifacts)
             for of_kind, suffixes in ((paper.figures, ("png", "pdf")), (paper.tables, ("csv", "md"))):
                 made = [s for s, p in of_kind.items() if all(recipes.shared[slug].has(name, need) for need in p.needs)]
                 files.update(f"figures/{slug}/{name}/{stem}.{suffix}" for stem in made for suffix in suffixes)

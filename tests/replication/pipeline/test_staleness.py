@@ -1,0 +1,155 @@
+"""What says that a product of a build is not what would be made now, in a folder with nothing but records."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from marsedl.comparison import comparisons
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.errors import InputError, StaleError
+from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.pipeline import staleness
+from marsedl.replication.pipeline.fingerprints import Fingerprints
+from marsedl.replication.pipeline.staleness import Recipes
+from marsedl.replication.records.recipes import write_record
+
+ROOT = Path(__file__).parents[3]
+MINE = """\
+powered_descent:
+  readings:
+    mine: {based_on: corrected, noise: {noise_coefficient: {value: 0.03, source: "assumed: x"}}}
+"""
+CLAIMS = ["report/claims/powered_descent.json", "figures/powered_descent/claims.csv"]
+PICTURES = ["figures/powered_descent/fig07.png", "figures/powered_descent/fig07.pdf"]
+
+
+def recipes_of(*files):
+    """The recipes of all products, with the readings of some files."""
+    papers, models = {slug: catalogue(slug) for slug in SLUGS}, {slug: input_model(slug) for slug in SLUGS}
+    return Recipes(ROOT, papers, load_studies(models, ROOT, config_files=files), comparisons())
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Without files of a user."""
+    return recipes_of()
+
+
+@pytest.fixture(scope="module")
+def with_mine(tmp_path_factory):
+    """With a reading of a user."""
+    path = tmp_path_factory.mktemp("user") / "mine.yaml"
+    path.write_text(MINE, encoding="utf-8")
+    return recipes_of(path)
+
+
+@pytest.fixture
+def built(tmp_path, monkeypatch):
+    """A function that writes some products and records them, as their job does; returns the folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def build(recipes, products):
+        for path in map(Path, products):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"{path} as it was made", encoding="utf-8")
+        write_record(*recipes.record(products[0]), products)
+        return tmp_path
+
+    return build
+
+
+@pytest.mark.parametrize("products", [CLAIMS, PICTURES], ids=["claims", "figure"])
+def test_a_product_that_was_edited_after_its_job_is_said_to_be(plain, built, products):
+    folder = built(plain, products)
+    assert [plain.reason(path, folder) for path in products] == ["", ""]
+    (folder / products[1]).write_text("another", encoding="utf-8")
+    assert plain.reason(products[1], folder) == "was edited after its job wrote it"
+    assert plain.reason(products[0], folder) == f"goes with {products[1]}, which was edited after its job wrote it"
+    assert plain.is_stale(products[0], folder)
+    (folder / products[1]).unlink()
+    assert not plain.is_stale(products[0], folder), "what is gone Snakemake makes again"
+
+
+def test_what_was_built_beside_a_users_reading_is_good_for_the_check_and_planned_again(plain, with_mine, built):
+    path = CLAIMS[0]
+    folder = built(with_mine, CLAIMS)
+    assert (plain.reason(path, folder, beside=True), with_mine.reason(path, folder)) == ("", "")
+    assert plain.is_stale(path, folder), "it has a column for the reading, which goes again with its file"
+    built(plain, CLAIMS)
+    assert with_mine.reason(path, folder, beside=True) == "was made from other inputs or code"
+
+
+def test_a_product_of_a_users_reading_has_one_recipe(with_mine):
+    _, digests = with_mine.record("figures/powered_descent/mine/fig07.png")
+    assert len(digests) == 1
+
+
+def test_the_check_takes_what_was_built_beside_a_users_reading(plain, with_mine, built, monkeypatch):
+    folder = built(with_mine, CLAIMS)
+    monkeypatch.setattr(plain, "behind", lambda targets: targets)
+    plain.check(CLAIMS, folder, "snakemake all")
+    (folder / CLAIMS[1]).write_text("another", encoding="utf-8")
+    with pytest.raises(StaleError, match=r"was edited after its job wrote it; the build is not up to date, run"):
+        plain.check(CLAIMS[1:], folder, "snakemake all")
+
+
+@pytest.mark.parametrize("lost", ["data/published/powered_descent.yaml", "CITATION.cff"])
+def test_a_file_of_the_project_that_is_gone_has_no_digest(tmp_path, lost):
+    for name in ("data", "configs", "src", "workflow", "CITATION.cff"):
+        if not lost.startswith(name):
+            (tmp_path / name).symlink_to(ROOT / name)
+    for path in (ROOT / "data" / "published").iterdir() if lost.startswith("data") else ():
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        if path != ROOT / lost:
+            copy.symlink_to(path)
+    recipes = recipes_of()
+    recipes.root = tmp_path
+    with pytest.raises(InputError, match=rf"{lost}: cannot be read \(No such file or directory\); restore it"):
+        recipes.job(CLAIMS[0] if lost.startswith("data") else "report/index.html")
+
+
+def test_words_of_the_machinery_that_are_no_folders_of_readings_may_name_one(tmp_path):
+    path, names = tmp_path / "mine.yaml", ("comparison", "recipes", "claims", "random_field", "report", "universe")
+    path.write_text(
+        "".join([MINE[: MINE.index("    mine")], *(f"    {name}: {{based_on: corrected}}\n" for name in names)])
+    )
+    recipes = recipes_of(path)
+    for name in names:
+        made = recipes.job(f"figures/powered_descent/{name}/fig07.png")
+        assert (made.name, made.own["stems"]) == (f"figures/powered_descent/{name}/fig07", ["fig07"])
+        assert staleness.artifact_of(f"data/cache/powered_descent/{name}/nominal.h5")[1] == name
+
+
+CLAIM = "src/marsedl/papers/powered_descent/claims/sec5_example.py"
+PRINTED, CHOICES = "data/published/powered_descent.yaml", "configs/powered_descent.yaml"
+
+
+def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch):
+    """The world of universes stays, and with it the committed run; what measures makes another one."""
+    for folder in ("src", "configs", "data", "workflow/scripts"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__", "cache"))
+
+    def edited(*changes):
+        for name, old, new in changes:
+            text = (tmp_path / name).read_text(encoding="utf-8")
+            assert old in text
+            (tmp_path / name).write_text(text.replace(old, new, 1), encoding="utf-8")
+        memory, scripts = tmp_path / ".cache" / "fingerprints.json", tmp_path / "workflow" / "scripts"
+        sources = Fingerprints(memory, tmp_path / "src", scripts)
+        monkeypatch.setattr(staleness, "fingerprints_of", lambda root: sources)
+        models = {"powered_descent": input_model("powered_descent")}
+        papers = {"powered_descent": catalogue("powered_descent")}
+        recipes = Recipes(tmp_path, papers, load_studies(models, tmp_path), {})
+        return recipes.job("report/universes/powered_descent.h5").own["world"]
+
+    before = plain.job("report/universes/powered_descent.h5").own["world"]
+    said = [
+        (CLAIM, "The printed downrange variance fits", "It fits"),
+        (CLAIM, "counterexample=", "close=Tolerance('why', relative=0.5), counterexample="),
+        (PRINTED, "plain: ", "plain: So "),
+        (CHOICES, "asks: ", "asks: Really? "),
+    ]
+    assert edited(*said) == before
+    assert edited((CLAIM, "vehicle.specific_impulse, ", "2.0 * vehicle.specific_impulse, ")) != before
