@@ -7,10 +7,11 @@ import time
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
-from marsedl.replication.errors import InputError
+from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
 from marsedl.replication.claims.quotes import Quotes, with_numbers
+from marsedl.replication.pipeline.numerics import check_start
 from marsedl.replication.report.files import HEADLINE, site_files, universe_pictures
 from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
@@ -47,6 +48,18 @@ if SIZE != "full":
     workdir: build_folder(ROOT, SIZE)
 
 
+try:
+    check_start()  # where the jobs will run
+    for _path in ("data/cache/", "figures/", "report/"):
+        if workflow.modifier.path_modifier.modify(_path) != _path:
+            raise InputError(
+                f"{_path} would be elsewhere, by a module's prefix or a default storage: no job finds what it takes there; "
+                "leave that out, and build into another folder with 'snakemake --directory FOLDER'"
+            )
+except MarsedlError as error:
+    sys.exit(f"\nmarsedl: {error}\n")
+
+
 wildcard_constraints:
     paper="|".join(SLUGS),
     reading="[a-z0-9_]+",
@@ -54,6 +67,7 @@ wildcard_constraints:
     place="([a-z0-9_]+/)?",
     name=r"[a-z0-9_]+(\.[a-z_]+)?",
     case="[a-z_]+",
+    whole="(whole/)?",
     chunk=r"0|[1-9]\d*",
     chunks=r"[1-9]\d*",
 
@@ -92,7 +106,10 @@ def inputs(*products, files=True):
 
     def taken(wildcards):
         paths = [filled(product, wildcards) for product in products]
-        job = RECIPES.job(paths[0])
+        try:
+            job = RECIPES.job(paths[0])
+        except InputError as error:  # a file of the project that is gone
+            sys.exit(f"\nmarsedl: {error}\n")
         stale = [path for path in paths if RECIPES.is_stale(path, Path())]
         for path in stale:
             if path.startswith(ARTIFACTS) and (why := RECIPES.own_changes(path, Path())):
@@ -105,7 +122,7 @@ def inputs(*products, files=True):
             "needs": list(job.needs),
             "published": [source(f"data/published/{wildcards.paper}.yaml")] if files and shows_printed else [],
             "measured": [source(BENCHMARKS)] if files and job.own.get("measured") else [],
-            "files": [source(name) for name in job.own.get("files", ())],
+            "files": [source(name) for name in job.own.get("files", ())] if files else [],
             "changed": local(str(CHANGED) if stale else ancient(str(CHANGED))),
         }
 
@@ -131,7 +148,8 @@ def staged(stage, *artifacts):
     def given(wildcards):
         declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards).partition(".")[0]]
         recipes = [RECIPES.job(filled(artifact, wildcards)).own for artifact in artifacts]
-        return {"entries": declared.entries, "recipes": recipes, "size": SIZE}
+        users = wildcards.reading in STUDIES[wildcards.paper].own_readings
+        return {"entries": declared.entries, "recipes": recipes, "size": SIZE, "users": users}
 
     return given
 
@@ -160,11 +178,9 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline in HEADLINES.items()}
 
 
-def universe_chunks(folder, suffix):
-    """The files of all chunks of a paper's universes, in a folder."""
-
-    def files(wildcards):
-        chunks = STUDIES[wildcards.paper].universe_jobs
-        return [f"{folder}/{wildcards.paper}.{chunk}of{chunks}.{suffix}" for chunk in range(chunks)]
-
-    return files
+def universe_chunks(wildcards):
+    """The files of all chunks of a paper's universes; a sample of the committed run is one."""
+    path = f"report/universes/{wildcards.whole}{wildcards.paper}"
+    is_sample = "sample" in RECIPES.job(f"{path}.h5").own
+    chunks = 1 if is_sample else STUDIES[wildcards.paper].universe_jobs
+    return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks)]

@@ -7,20 +7,38 @@ rule multiverse:
         expand("report/universes/waves/{paper}.h5", paper=PAPERS),
 
 
-rule universes_chunk:
+rule points:
     input:
-        unpack(inputs("report/universes/{paper}.h5", files=False)),
+        unpack(inputs("report/points/{paper}.json")),
     output:
-        table=temp("report/universes/{paper}.{chunk}of{chunks}.h5"),
-        points=temp("report/points/{paper}.{chunk}of{chunks}.json"),
+        "report/points/{paper}.json",
     log:
-        "logs/{paper}/universes.{chunk}of{chunks}.log",
+        "logs/{paper}/points.log",
     benchmark:
-        "benchmarks/{paper}/universes.{chunk}of{chunks}.tsv"
+        "benchmarks/{paper}/points.tsv"
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/{paper}.h5", recorded=False),
+        made=made("report/points/{paper}.json"),
+        project=source("."),
+    script:
+        "../scripts/points.py"
+
+
+# Those of a build, or the `whole` design with which a new run begins.
+rule universes_chunk:
+    input:
+        unpack(inputs("report/universes/{whole}{paper}.h5", files=False)),
+    output:
+        temp("report/universes/{whole}{paper}.{chunk}of{chunks}.h5"),
+    log:
+        "logs/{paper}/{whole}universes.{chunk}of{chunks}.log",
+    benchmark:
+        "benchmarks/{paper}/{whole}universes.{chunk}of{chunks}.tsv"
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/universes/{whole}{paper}.h5", recorded=False),
         project=source("."),
     script:
         "../scripts/universes_chunk.py"
@@ -28,28 +46,26 @@ rule universes_chunk:
 
 rule universes:
     input:
-        unpack(inputs("report/universes/{paper}.h5", files=False)),
-        chunks=universe_chunks("report/universes", "h5"),
-        points=universe_chunks("report/points", "json"),
+        unpack(inputs("report/universes/{whole}{paper}.h5")),
+        chunks=universe_chunks,
     output:
-        table="report/universes/{paper}.h5",
-        points="report/points/{paper}.json",
+        "report/universes/{whole}{paper}.h5",
     log:
-        "logs/{paper}/universes.log",
+        "logs/{paper}/{whole}universes.log",
     benchmark:
-        "benchmarks/{paper}/universes.tsv"
+        "benchmarks/{paper}/{whole}universes.tsv"
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/{paper}.h5"),
+        made=made("report/universes/{whole}{paper}.h5"),
     script:
         "../scripts/universes.py"
 
 
 rule waves:
     input:
-        unpack(inputs("report/universes/{paper}.h5", files=False)),
-        table="report/universes/{paper}.h5",
+        unpack(inputs("report/universes/waves/{paper}.h5", files=False)),
+        table="report/universes/whole/{paper}.h5",
     output:
         "report/universes/waves/{paper}.h5",
     log:
@@ -59,7 +75,7 @@ rule waves:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/{paper}.h5", recorded=False),
+        made=made("report/universes/waves/{paper}.h5", recorded=False),
         project=source("."),
     script:
         "../scripts/waves.py"
@@ -74,6 +90,7 @@ for _paper in PAPERS:
         input:
             unpack(inputs("report/universes/{paper}.json")),
             table="report/universes/{paper}.h5",
+            claims="report/claims/{paper}.json",
         output:
             standings="report/universes/{paper}.json",
             judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),

@@ -15,7 +15,7 @@ with guarded(snakemake) as job:
     project, papers = Path(snakemake.params.project).resolve(), []
     for (slug, readings), universes in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
         given = catalogue(slug), input_model(slug)
-        judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes)
+        judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes, claims)
         papers.append(assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], judge))
     folder, citation = Path(snakemake.output[0]).parent, project / "CITATION.cff"
     build_site(folder, papers, job.made["size"], citation, comparisons())

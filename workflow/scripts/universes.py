@@ -1,13 +1,15 @@
-"""Join the chunks of a paper's universes, and of its named readings."""
+"""Join the chunks of a paper's universes; those of the committed run have to be the same bits."""
 
-from marsedl.replication.claims.rows import read_evaluations, write_evaluations
+from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records import store
-from marsedl.replication.universes.table import Universes, gathered, world_of
+from marsedl.replication.universes.table import Universes, changed, gathered
 
 with guarded(snakemake) as job:
-    points = {name: of for path in snakemake.input.points for name, of in read_evaluations(path).items()}
-    write_evaluations({name: points[name] for name in job.made["points"]}, snakemake.output.points)
     table = gathered([store.load(path, Universes, paper=job.paper) for path in snakemake.input.chunks])
-    provenance = {"size": job.made["size"], "world": world_of(job.made)}
-    store.save(snakemake.output.table, table, paper=job.paper, reading="universes", provenance=provenance)
+    for path in snakemake.input.files:
+        if moved := changed(store.load(path, Universes, paper=job.paper), table):
+            differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
+            raise MarsedlError(f"{path} is not what this project computes: {differing}; run 'snakemake multiverse'")
+    provenance = {"size": job.made["size"], "world": job.made["world"]}
+    store.save(snakemake.output[0], table, paper=job.paper, reading="universes", provenance=provenance)

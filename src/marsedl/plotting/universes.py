@@ -1,11 +1,13 @@
 """Pictures of what universes say of a paper's claims."""
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
 from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
+from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.waves import Matching, Wave
@@ -23,10 +25,10 @@ def specification_curve(judge: Judge, claim: str, title: str):
     """
     judged, table = judge.judged(claim), judge.table
     place = judge.component_place(claim)
-    values = table.value[:, place]
+    values, errors_of, limits_of = judge.numbers[:, :, place]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
     verdicts = judge.verdicts[order, judge.column[claim]]
-    shown = _shown(judge, judged.on, [one.choice for one in judged.indices])
+    shown = _shown(judge, judged.alone, judged.together, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(
         6.4, 2.4 + 0.2 * len(rows), nrows=2, sharex=True, height_ratios=(2.2, max(0.2 * len(rows), 0.4))
@@ -40,24 +42,32 @@ def specification_curve(judge: Judge, claim: str, title: str):
     for label, those in groups.items():
         if those.any():
             at = np.array(order)[those]
-            errors = np.nan_to_num(table.error[at, place])
+            errors = np.nan_to_num(errors_of[at])
             name = f"{label} ({those.sum()})"
             axes[0].errorbar(x[those], values[at], errors, fmt=".", ms=4, lw=0.6, color=COLOURS[label], label=name)
-    limits = np.unique(table.limit[order, place]) if len(order) else []
+    limits = np.unique(limits_of[order]) if len(order) else []
     if len(limits) == 1:
         axes[0].axhline(limits[0], color=BLACK, lw=0.9, label="limit" if judge.is_statement(claim) else "printed")
     if judge.base in order:
         axes[0].plot(order.index(judge.base), values[judge.base], "o", mfc="none", mec=BLACK, ms=7, label="corrected")
     typical = np.percentile(np.abs(values[order]), 80) if order else 0.0
-    if order and 0.0 < 20.0 * typical < np.abs(values[order]).max():
+    if order and 0.0 < 8.0 * typical < np.abs(values[order]).max():
         axes[0].set_yscale("symlog", linthresh=typical)
     axes[0].set_title(title)
-    axes[0].set_ylabel(str(table.component[place]))
+    axes[0].set_ylabel(_named(judge.published[claim]))
     if axes[0].get_legend_handles_labels()[0]:
         axes[0].legend(loc="best")
     _dots(axes[1], judge, rows, order)
     axes[1].set_xlabel(f"universes, sorted by value ({len(table.number) - len(order)} without a value)")
     return figure
+
+
+def _named(published: PublishedClaim) -> str:
+    """What the numbers of a claim are, with their unit: what decides a statement, or the quantity that is printed."""
+    if published.kind == "qualitative":
+        return "measure that decides"
+    units = {*published.unit.split(", ")} - {"1"}
+    return textwrap.fill(f"{published.quantity}{f' ({units.pop()})' if len(units) == 1 else ''}", 36)
 
 
 def _shown(judge: Judge, *orders: Sequence[str]) -> list[Choice]:
@@ -139,6 +149,7 @@ def heat_map(judge: Judge, claims: Sequence[str]):
     axes.set_xticks(np.arange(len(choices)), names, rotation=60, ha="right", fontsize=SMALL)
     axes.set_yticks(np.arange(len(kept)), [in_words(one) for one in kept], fontsize=SMALL)
     axes.grid(visible=False)
+    axes.set_title("dots: the verdict turns")
     return figure
 
 
@@ -150,12 +161,11 @@ def _turns(before: str, after: str) -> bool:
 
 def pictures(judge: Judge) -> list:
     """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
-    matching = Matching(judge.choices, judge.published.values())
-    drawn = [heat_map(judge, [str(claim) for claim in judge.table.claim])]
-    drawn.append(closing_in(matching.waves(judge.table), matching.varied))
+    matching = Matching(judge)
+    drawn = [heat_map(judge, list(judge.column)), closing_in(matching.waves(), matching.varied)]
     for claim in matching.headlines:
         title = claim.plain or in_words(claim.id)
-        if claim.id in judge.table.claim:
+        if claim.id in judge.column:
             drawn += [specification_curve(judge, claim.id, title), tornado(judge, claim.id, title)]
         else:
             drawn += [nothing(f"{title}\nis a claim on the method, which no universe evaluates")] * 2
@@ -173,18 +183,20 @@ def nothing(text: str):
 def closing_in(waves: Sequence[Wave], choices: Sequence[Choice]):
     """Draw how much of the space of choices each wave leaves, and what values the last one leaves of each choice."""
     figure, axes = new_figure(6.4, 1.6 + 0.24 * len(choices), ncols=2, width_ratios=(1.0, 1.6))
-    volumes = [wave.volume for wave in waves]
-    axes[0].plot(np.arange(len(waves)), volumes, "o-", color=BLUE)
-    axes[0].set_yscale("symlog", linthresh=1e-4)
-    axes[0].set_ylim(0.0, 1.3)
-    axes[0].set_xticks(np.arange(len(waves)))
-    axes[0].set_xlabel("wave")
-    axes[0].set_ylabel("share of the choices that is left")
+    volumes = [100.0 * wave.volume for wave in waves]
+    bars = axes[0].bar(np.arange(len(waves)), volumes, color=BLUE)
+    axes[0].bar_label(bars, [f"{volume:.3g} %" for volume in volumes], fontsize=SMALL)
+    axes[0].set(ylim=(0.0, 110.0), xticks=np.arange(len(waves)), xlim=(-0.8, max(len(waves), 3) - 0.2))
+    axes[0].set_xlabel("wave (0 fills the space)")
+    axes[0].set_ylabel("share of the choices that is not ruled out (%)")
     for k, one in enumerate(choices):
         left = 0.0
         for share in waves[-1].shares.get(one.name, []):
             axes[1].barh(k, share, left=left, height=0.7, color=BLUE, alpha=0.25 + 0.75 * share, ec="white", lw=0.8)
             left += share
+    if not waves[-1].volume:
+        axes[1].text(0.5, 0.5, "no choices are left", transform=axes[1].transAxes, ha="center")
+    axes[1].set_xlim(0.0, 1.0)
     axes[1].set_yticks(np.arange(len(choices)), [in_words(one.name) for one in choices], fontsize=SMALL)
     axes[1].set_ylim(len(choices) - 0.4, -0.6)
     axes[1].set_xlabel("values among what is left, in their order")

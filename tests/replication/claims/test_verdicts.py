@@ -150,6 +150,18 @@ def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
     assert number < 20_000
 
 
+def test_what_zero_would_reproduce_as_well_is_undetermined():
+    """Covariances that are noise; a row with one number that is not, and a printed zero, are decided."""
+    noise = claim(kind="monte_carlo", printed=[-0.05, 0.03], trials=500, resolution=0.01)
+    errors, trials = [0.001, 0.001], 500_000
+    judged = judge(noise, Evaluation([0.001, -0.002], errors, trials))
+    assert judged.verdict == "undetermined" and "zero" in judged.doubts[0].why and judged.doubts[0].trials is None
+    assert judge(noise, Evaluation([0.2, 0.0], errors, trials)).verdict == "differs"
+    for printed in ([-0.05, 3.0], [0.0, 0.0]):
+        row = claim(kind="monte_carlo", printed=printed, trials=500, resolution=0.01)
+        assert judge(row, Evaluation(printed, errors, trials)).verdict == "reproduced"
+
+
 def test_a_number_without_a_standard_error_decides_nothing():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
     judged = judge(printed, Evaluation(1349.0, math.nan, 7))

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from marsedl.papers import input_model
-from marsedl.replication.claims.printed import load_published
-from marsedl.replication.inputs.readings import load_study
-from marsedl.replication.records import store
 from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, SPACE_FILLING
-from marsedl.replication.universes.judging import COMMITTED, Judge
-from marsedl.replication.universes.table import Universes, selected
+from marsedl.replication.universes.judging import COMMITTED, Judge, committed_judge
+from marsedl.replication.universes.table import selected
 
 ROOT = Path(__file__).parents[3]
 COMMITTED_RUNS = sorted(path.stem for path in (ROOT / COMMITTED).glob("*.h5"))
@@ -20,23 +17,19 @@ COMMITTED_RUNS = sorted(path.stem for path in (ROOT / COMMITTED).glob("*.h5"))
 
 def judges(slug: str, *sizes: int) -> list[Judge]:
     """What judges by the first universes of the space-filling design, as many as asked for."""
-    choices = load_study(slug, input_model(slug), ROOT, "full", {}).choices
-    published = load_published(ROOT / "data" / "published" / f"{slug}.yaml")
-    table = store.load(ROOT / COMMITTED / f"{slug}.h5", Universes, paper=slug)
+    judge = committed_judge(slug, input_model(slug), ROOT)
+    table = judge.table
     single = table.design == DESIGNS.index(ONE_AT_A_TIME)
     filling = np.flatnonzero((table.design == DESIGNS.index(SPACE_FILLING)) & (table.seed == 0))
     filling = filling[np.argsort(table.number[filling])]
-    return [
-        Judge(selected(table, single | np.isin(np.arange(len(single)), filling[:size])), choices, published)
-        for size in sizes
-    ]
+    return [judge.over(selected(table, single | np.isin(np.arange(len(single)), filling[:size]))) for size in sizes]
 
 
 @pytest.mark.parametrize("slug", COMMITTED_RUNS)
 def test_a_quarter_of_the_universes_gives_the_same_shares(slug):
     """Of intervals at 95 %, nine of ten hold what four times as many universes give."""
     few, many = judges(slug, 32, 128)
-    shares = [(few.judged(str(name)).over_all, many.judged(str(name)).over_all) for name in few.table.claim]
+    shares = [(few.judged(name).over_all, many.judged(name).over_all) for name in few.column]
     inside = [part.low <= whole.value <= part.high for part, whole in shares if part.of and whole.of]
     assert len(inside) > 20
     assert np.mean(inside) > 0.9
@@ -50,8 +43,8 @@ def test_indices_are_those_of_plain_loops():
         found = {one.choice: one.ratio for one in judge.judged(claim.id).indices}
         if not found:
             continue
-        use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(judge.table.value[:, place])
-        values = judge.table.value[use, place].tolist()
+        use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(judge.numbers[0][:, place])
+        values = judge.numbers[0][use, place].tolist()
         ranks = [sum(other < value for other in set(values)) for value in values]
         mean = sum(ranks) / len(ranks)
         total = sum((rank - mean) ** 2 for rank in ranks)

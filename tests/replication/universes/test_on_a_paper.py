@@ -5,20 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.plotting.style import save_side_by_side
-from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.store import content_digest
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, design
 from marsedl.replication.universes.judging import Judge
-from marsedl.replication.universes.table import CAUSES, Evaluator, chunk_of, gathered, tabulated
+from marsedl.replication.universes.table import Evaluator, gathered, tabulated
 from marsedl.replication.universes.tabulating import claims_table, effects_table
-from marsedl.replication.universes.what_if import changes_of, drawn, what_if
 
 ROOT = Path(__file__).parents[3]
 SLUG = "powered_descent"
@@ -67,43 +63,13 @@ def test_chunks_give_the_table_of_one_process_and_what_fails_takes_only_its_clai
     whole = tabulated(evaluator, universes)
     parts = gathered([tabulated(evaluator, universes[chunk::2]) for chunk in range(2)])
     assert content_digest(whole) == content_digest(parts)
-    causes = {int(number): set(row.tolist()) for number, row in zip(whole.number, whole.cause, strict=True)}
-    assert {CAUSES.index("result"), CAUSES.index("refused")} <= causes[2], "the mass iteration burns all of the mass"
-    judge = Judge(whole, evaluator.study.choices, list(evaluator.published.values()))
+    assert {"result", "refused"} <= {*whole.cause[whole.of == 2]}, "the mass iteration burns all of the mass"
+    judge = Judge(whole, evaluator.study.choices, list(evaluator.published.values()), evaluator.claims.declarations)
     effects = {(one.choice, one.value): one for one in judge.effects("mc_mean_final_mass")}
     assert effects["initial_descent", "printed"].difference > 5.0, "kg"
     assert not effects["initial_descent", "printed"].towards
     assert set(claims_table(judge)["claim"]) == set(evaluator.asked)
     assert len(effects_table(judge))
-
-
-def test_what_if_names_what_moves_and_refuses_what_does_not_exist(evaluator):
-    choices = evaluator.study.choices
-    moved = what_if(evaluator, *changes_of(["initial_descent=printed"], choices))
-    assert {"mc_mean_final_mass", "prior_final_mass"} <= {one.claim for one in moved}
-    assert all(one.counts for one in moved)
-    assert what_if(evaluator, {}, {"ensemble.drawn_trials": 7}) == []
-    for text, message in {
-        "initial_descend=printed": "did you mean 'initial_descent'?",
-        "initial_descent=up": "no value 'up'",
-        "noise_unit": "write NAME=VALUE",
-    }.items():
-        with pytest.raises(InputError, match=message.replace("?", r"\?")):
-            changes_of([text], choices)
-    with pytest.raises(InputError, match=r"did you mean 'ensemble.seed'"):
-        what_if(evaluator, {}, {"ensemble.sed": 7})
-    with pytest.raises(InputError, match=r"simulation\.command_interval .* is shorter than simulation\.time_step"):
-        what_if(evaluator, {}, {"simulation.command_interval": 0.01})
-
-
-def test_a_figure_is_drawn_of_both(evaluator, tmp_path):
-    figures = drawn(evaluator, "fig07", {"noise_unit": "newton"}, {})
-    assert list(figures) == ["corrected", "noise_unit = newton"]
-    save_side_by_side(figures, tmp_path / "deep" / "fig07.png")
-    with Image.open(tmp_path / "deep" / "fig07.png") as image:
-        assert image.width > 1.8 * image.height
-    with pytest.raises(InputError, match="did you mean 'fig07'"):
-        drawn(evaluator, "fig7", {}, {})
 
 
 def test_every_paper_has_its_readings_at_values_of_them():
@@ -117,26 +83,22 @@ def test_every_paper_has_its_readings_at_values_of_them():
         assert len({one.number for one in universes}) == len(universes)
 
 
-def test_named_readings_are_evaluated_beside_their_universes_in_any_number_of_chunks(evaluator):
-    study = evaluator.study
-    assert study.assignment_of("target4") == {"downrange_target_variance": "four"}
+def test_a_named_reading_flies_what_its_inputs_say(evaluator):
+    """Unlike a universe with the same values of choices, whose trials are limited."""
     small = copy(evaluator)
-    small.study = replace(study, points=("printed_eq46", "plus_sign"))
-    few = ({"ensemble": {"large_trials": 1.0, "trials": 50.0}}, Place("size"))
-    limited = replace(study, limits=(few,)).limited(study.readings["plus_sign"])
-    small.study = replace(small.study, readings={**study.readings, "plus_sign": limited})
-    universes = [CORRECTED, CLIMBING, Universe(2, ONE_AT_A_TIME, {"noise_unit": "newton"})]
-    table, points = zip(*(chunk_of(small, universes, chunk, 2, "") for chunk in range(2)), strict=True)
-    assert [list(found) for found in points] == [["printed_eq46"], ["plus_sign"]]
-    assert repr(points[1]["plus_sign"]) == repr(small.point("plus_sign")), "NaN equals no NaN"
-    assert content_digest(gathered(table)) == content_digest(tabulated(evaluator, universes))
+    few = ({"ensemble": {"large_trials": 60.0, "trials": 50.0}}, Place("size"))
+    limited = replace(evaluator.study, limits=(few,)).limited(evaluator.study.readings["plus_sign"])
+    small.study = replace(evaluator.study, readings={**evaluator.study.readings, "plus_sign": limited})
+    assert small.point("plus_sign")["mc_mean_final_mass"].trials == 60
+    assert evaluator.row(CLIMBING).outcomes["mc_mean_final_mass"].trials == 100
 
 
 def test_every_erratum_that_changes_an_input_is_kept_by_itself():
-    """In a full build for three papers; for the others, whose universes are dear, with `--config universes=...`."""
+    """In the design of a full build for three papers; for the others, whose universes are dear, in a new run."""
     for slug in SLUGS:
-        for config, allowed in (({}, {"desensitized": {"E7", "E16"}}), ({"universes": 8}, {})):
-            study = load_studies({slug: input_model(slug)}, ROOT, config)[slug]
-            moved = {name for one in design(study.choices, *study.designs) for name in one.assignment}
+        study = load_studies({slug: input_model(slug)}, ROOT, {"universes": 8})[slug]
+        assert study.whole == 8
+        for designs, allowed in ((study.designs, {"desensitized": {"E7", "E16"}}), ((study.whole, None, None), {})):
+            moved = {name for one in design(study.choices, *designs) for name in one.assignment}
             kept = {one.erratum for one in study.choices if one.name in moved}
             assert {one.erratum for one in study.choices if one.erratum} - kept <= allowed.get(slug, set()), slug

@@ -94,23 +94,49 @@ class Counterexample(_Part):
     """the verdict after it"""
 
 
-class Standing(_Part):
-    """What the universes of the paper say of the claim; it stands beside the verdict and never replaces it."""
+class Cause(_Part):
+    """The value of a choice that by itself makes a claim true, or else brings it nearest to what is printed."""
 
-    stands: Literal["robust", "depends", "never", "undecided"]
-    """it reproduces or holds in every universe that decides it, in some, in none, or no universe decides it"""
-    on: tuple[str, ...] = ()
-    """the choices that it depends on, those that turn it by themselves first"""
+    choice: str
+    """the choice"""
+    value: str
+    """its value"""
+    where: str
+    """the universe or the reading that has it"""
+    verdict: Verdict
+    """the verdict there"""
+    number: Finite
+    """the number that decides, there; null: none"""
+    corrected: Finite
+    """the same number in `corrected`, of as many trials; null: none"""
+
+
+class Standing(_Part):
+    """What the universes and readings of the paper say of the claim; it never replaces the verdict."""
+
+    label: Literal["robust", "depends", "never", "undecided", "too_few", "not_computed"]
+    """true in all that have a result, in some and false in others, false in all; those that decide it agree and others
+    are undetermined; fewer than 20 decide it; none has a result"""
+    alone: tuple[str, ...] = ()
+    """the choices that decide it by themselves, those that turn it first"""
+    together: tuple[str, ...] = ()
+    """the choices that decide it only in combination with others"""
     true: int
     """space-filling universes in which it reproduces or holds"""
+    undetermined: int
+    """in which it is undetermined"""
+    deciding: int
+    """in which it is true or false"""
     of: int
-    """of how many with a result; the share is no probability"""
+    """of how many with a result; shares are no probabilities"""
     low: Finite
-    """of the Wilson interval of the share at 95 %; null: no universe has a result"""
+    """of the Wilson interval of the share in which it is true, at 95 %; null: no universe has a result"""
     high: Finite
     """of the same interval"""
-    cause: tuple[str, str] | None = None
-    """the choice and its value that move the number most towards what is printed; null: none does"""
+    cause: Cause | None = None
+    """of a claim that differs or fails; null: no admissible value of a choice brings it nearer by itself"""
+    misprint: Cause | None = None
+    """a misprint, or a value that something else printed rules out, which would make it true; null: none does"""
 
 
 class Doubt(_Part):

@@ -1,8 +1,9 @@
 """The committed reference of a paper: its numbers, verdicts, printed values and counterexamples."""
 
+import hashlib
 import json
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from marsedl.replication.inputs import CORRECTED
 
 VERDICTS, PUBLISHED, COUNTEREXAMPLES = "verdicts/", "published/", "counterexamples/"
 BUILD = "build"  # what the numbers were made from
+_DIGEST = ""  # the name, which nothing else has, of the digest of all other entries
 MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
 
 
@@ -26,7 +28,7 @@ def read_reference(root: Path, slug: str, folder: Path | None = None) -> dict[st
     """Return the reference of a paper, that of a folder if given; raises MarsedlError if it cannot be read."""
     path = reference_file(root, slug, folder)
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
+        return read_entries(path)
     except FileNotFoundError:
         remedy = f"with '{accept_command(folder)}'" if folder else "with 'marsedl accept' after a full build"
         raise MarsedlError(f"{path} is missing; restore it, or write it {remedy}") from None
@@ -34,6 +36,28 @@ def read_reference(root: Path, slug: str, folder: Path | None = None) -> dict[st
         name = path.relative_to(root) if path.is_relative_to(root) else path
         problem = f"cannot be read ({error.strerror})" if isinstance(error, OSError) else f"is not JSON ({error})"
         raise MarsedlError(f"{path}: {problem}; restore it with 'git checkout {name}'") from None
+
+
+def entries_text(entries: Mapping[str, object]) -> str:
+    """Return named entries as JSON, one a line; the last is the digest of all others."""
+    lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in entries.items()]
+    lines.append(f" {json.dumps(_DIGEST)}: {json.dumps(_digest(entries))}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def read_entries(path: Path) -> dict:
+    """Read what `entries_text` gave; raises MarsedlError if it was edited, OSError or ValueError if it is malformed."""
+    entries = dict(json.loads(path.read_text(encoding="utf-8")))
+    digest = entries.pop(_DIGEST, None)
+    if digest not in (None, _digest(entries)):
+        raise MarsedlError(
+            f"{path} was edited after 'marsedl accept' wrote it; restore it, or delete and accept it again"
+        )
+    return entries
+
+
+def _digest(entries: Mapping[str, object]) -> str:
+    return f"sha256 {hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()[:16]}"
 
 
 def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:

@@ -11,6 +11,7 @@ import numpy as np
 SIGMAS = 3.0  # standard errors; more is beyond sampling error
 CONFIDENCE = 0.9973  # of intervals of a binomial probability: the share of a normal distribution within SIGMAS
 ROUNDING = 1e-6  # relative; closer than this is equal
+WIDE = 0.1  # share of a printed number; a larger standard error of ours, if the paper's is smaller, decides nothing
 THIN = 10.0  # standard errors, or limits: a verdict further than this from its limit could hardly be another
 
 
@@ -57,7 +58,9 @@ SIMILAR = Limit(
 SMALL = Limit(0.1, words="small, minor, slight, a little")  # at most this share of what it is small against
 NEGLIGIBLE = Limit(0.05, words="negligible, almost zero, nulled")  # at most this share
 VISIBLE = Limit(0.1, words="visible, noticeable, clear, to some extent")  # at least this share
-MUCH = Limit(0.5, words="much, far, significantly, greatly, drastically")  # the smaller is at most this of the larger
+MUCH = Limit(  # the smaller is at most this of the larger
+    0.5, words="much, far, large, significantly, greatly, drastically"
+)
 MOST = Limit(1 / 3, words="most, mainly, typically")  # the rest is at most this share
 STRONG = Limit(0.3, words="strongly correlated")  # what a correlation's magnitude lacks of one, at most
 WEAK = Limit(0.3, words="uncorrelated")  # a correlation's magnitude, at most

@@ -30,12 +30,13 @@ from marsedl.replication.claims.counterexamples import Perturbation
 from marsedl.replication.claims.numbers import finite_values, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.quotes import with_own_numbers
-from marsedl.replication.claims.thresholds import SIGMAS, THIN
+from marsedl.replication.claims.thresholds import SIGMAS, THIN, WIDE
 from marsedl.replication.errors import ArtifactError, InputError, nearest
 from marsedl.replication.inputs import CORRECTED, PRINTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.sizes import FULL
 
+_WORST_FIRST = ("differs", "undetermined", "close", "reproduced")  # verdicts on numbers, of which the first decides
 _MORE = [1.5**power for power in range(35)]  # times our trials: what these cannot settle, more do not
 _LITERAL = 1e-9  # relative slack with which an input counts as used literally (unit conversions round)
 
@@ -56,6 +57,7 @@ class Evaluation:
     failed: bool = False  # what the claim speaks of does not exist, nor do its named numbers
     doubts: Sequence[Doubt] = ()  # why a statement could as well be judged otherwise
     margin: Margin | None = None  # how far the measure that decides a statement is from its limit
+    margins: Sequence[Margin | None] = ()  # those of all tests of a statement, in their order
     by_construction: str = ""  # why it cannot be otherwise in this reading
 
     def __post_init__(self) -> None:
@@ -120,7 +122,8 @@ def collect(
         if declaration.close is not None and claim.kind not in MEASURED:
             raise InputError(f"{where}: a {claim.kind} claim takes no tolerance")
         evaluations = {name: evaluations_by_reading[name].get(claim.id) or Evaluation() for name in readings}
-        results = {name: judge(claim, evaluation, declaration) for name, evaluation in evaluations.items()}
+        of_paper = evaluations[CORRECTED]
+        results = {name: judge(claim, evaluation, declaration, of_paper) for name, evaluation in evaluations.items()}
         first = PRINTED if claim.kind == "input" else CORRECTED
         verdict, margin = results[first].verdict, results[first].margin
         if verdict is None:
@@ -149,13 +152,20 @@ def collect(
     return rows
 
 
-def judge(claim: PublishedClaim, evaluation: Evaluation, declaration: Declaration | None = None) -> Result:
+def judge(
+    claim: PublishedClaim,
+    evaluation: Evaluation,
+    declaration: Declaration | None = None,
+    corrected: Evaluation | None = None,
+) -> Result:
     """Return what one reading gives for one claim, with the verdict; None as verdict if it is not evaluated there.
 
-    Raises ArtifactError if the evaluation has the wrong shape or type, or lacks a standard error, trials or evidence.
+    corrected: the evaluation of `corrected`, whose error tells the paper's own; that of this reading unless given.
+    Raises ArtifactError if the evaluation has the wrong shape or type, or lacks a standard error,
+    trials or evidence.
     """
     declaration = declaration or Declaration()
-    judged = _judged(claim, evaluation, declaration.close)
+    judged = _judged(claim, evaluation, declaration.close, corrected or evaluation)
     confirmed = judged["verdict"] in (*STANDING_VERDICTS, "undetermined")
     # A statement may be false by construction; numbers that differ were not bound to agree.
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
@@ -171,7 +181,9 @@ def judge(claim: PublishedClaim, evaluation: Evaluation, declaration: Declaratio
     )
 
 
-def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | None) -> dict[str, Any]:
+def _judged(
+    claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | None, corrected: Evaluation
+) -> dict[str, Any]:
     """The verdict and what it rests on, as fields of a `Result`."""
     if claim.kind == "context":
         return {"verdict": "quoted"}
@@ -201,8 +213,7 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
     bound = close.absolute if close and close.absolute is not None else 0.0
     if np.shape(bound) not in ((), printed.shape):
         raise refuse(f"the tolerance {bound!r} does not have the shape of the printed {claim.printed!r}")
-    bounds = close.relative * np.abs(printed) if close and close.relative else bound
-    errors = paper_errors = np.zeros(printed.shape)
+    errors = paper_errors = narrow = np.zeros(printed.shape)
     if claim.kind == "monte_carlo" and all(map(math.isfinite, values.flat)):
         if evaluation.standard_error is None or not evaluation.trials:
             raise refuse("a Monte Carlo value needs its standard error and its number of trials")
@@ -211,8 +222,61 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
             raise refuse(f"{evaluation.standard_error!r} is no standard error of {evaluation.value!r}")
         # The paper gives no standard errors: its trials are taken to spread like ours.
         paper_errors = math.sqrt(evaluation.trials / claim.trials) * errors
-    half = 0.5 * np.asarray(claim.resolution)
-    return _compared(values, printed, half, errors, paper_errors, bounds, evaluation.trials)
+        is_known = corrected.trials and np.shape(corrected.standard_error) == errors.shape
+        theirs, trials = (corrected.standard_error, corrected.trials) if is_known else (errors, evaluation.trials)
+        narrow = _narrow(claim, np.array(theirs, dtype=float), trials)
+    return _compared(values, *_allowed(claim, close), errors, paper_errors, narrow, evaluation.trials)
+
+
+def _narrow(claim: PublishedClaim, errors: np.ndarray, trials: int) -> np.ndarray:
+    """The largest standard errors that decide: the paper's own, or a tenth of what is printed.
+
+    errors, trials: those of `corrected`, by which the paper's own are known.
+    """
+    own = np.nan_to_num(np.sqrt(trials / claim.trials) * errors)
+    return np.maximum(own, WIDE * np.abs(np.array(claim.printed, dtype=float)))
+
+
+def verdicts_in_universes(
+    claim: PublishedClaim,
+    close: Tolerance | None,
+    values: np.ndarray,
+    errors: np.ndarray,
+    trials: np.ndarray,
+    base: int,
+) -> np.ndarray:
+    """Return the verdicts on a claim's numbers in many universes, by the rule of `judge` (universe, component).
+
+    Args:
+        claim: what is printed.
+        close: the tolerance stated beforehand.
+        values: numbers (universe, component), NaN where there is none, in the order of the printed ones.
+        errors: their standard errors, NaN where so few trials give none.
+        trials: their numbers (universe,).
+        base: the place of `corrected` among the universes.
+
+    """
+    sampled = (claim.kind == "monte_carlo") & np.isfinite(values).all(axis=1)[:, np.newaxis]
+    errors, papers, narrow = np.where(sampled, errors, 0.0), np.zeros(values.shape), np.zeros(values.shape)
+    if claim.kind == "monte_carlo":
+        papers = np.sqrt(trials / claim.trials)[:, np.newaxis] * errors
+        printed = claim.model_copy(update={"printed": np.ravel(claim.printed)})
+        narrow = np.broadcast_to(_narrow(printed, errors[base], trials[base]), values.shape)
+    parts = [np.broadcast_to(of, np.shape(claim.printed)).astype(float).ravel() for of in _allowed(claim, close)]
+    return _verdicts(values, *(np.broadcast_to(part, values.shape) for part in parts), errors, papers, narrow)
+
+
+def worst(verdicts: np.ndarray) -> np.ndarray:
+    """Return the verdict on rows of numbers from the verdicts on each number (..., number)."""
+    return np.select([(verdicts == one).any(axis=-1) for one in _WORST_FIRST], _WORST_FIRST, "")
+
+
+def _allowed(claim: PublishedClaim, close: Tolerance | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is printed, half of its last digits, and the bounds of what is close, 0 if nothing is."""
+    printed = np.array(claim.printed, dtype=object)
+    bound = close.absolute if close and close.absolute is not None else 0.0
+    bounds = close.relative * np.abs(printed) if close and close.relative else bound
+    return printed, 0.5 * np.asarray(claim.resolution), np.asarray(bounds)
 
 
 def settling(more: float, trials: int | None) -> int | None:
@@ -220,26 +284,43 @@ def settling(more: float, trials: int | None) -> int | None:
     return int(float(f"{more * trials:.2g}")) if trials and more > 1.0 else None
 
 
-def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> dict[str, Any]:
+def _verdicts(values, printed, half, bounds, errors, paper_errors, narrow) -> np.ndarray:
+    """The verdict on each of some numbers; arguments as of `_compared`, all of one shape."""
+    size, limits, combined = _against_limits(values, printed, half, errors, paper_errors)
+    near, is_close = size <= limits, size <= (bounds * (1 + 1e-9)).astype(float)
+    by_width = (errors > narrow) & (near | is_close)  # a wide error lets nothing reproduce
+    by_zero = near & _is_zero_as_good(printed, limits, combined)[..., np.newaxis]
+    unsure = np.isnan(errors) | (np.abs(size - limits) < errors) | by_width | by_zero
+    return np.select([unsure, near, is_close], ["undetermined", "reproduced", "close"], "differs")
+
+
+def _is_zero_as_good(printed, limits, combined) -> np.ndarray:
+    """Whether zeros would reproduce a whole row as well, (...): then what is printed is noise; of (..., number)."""
+    size = np.abs(printed).astype(float)
+    return ((size <= limits) & (combined > 0.0)).all(axis=-1) & (size > 0.0).any(axis=-1)
+
+
+def _against_limits(values, printed, half, errors, paper_errors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sizes of differences from what is printed, what rounding and sampling allow, and the combined errors."""
+    with np.errstate(invalid="ignore"):  # of an error that is none
+        combined = np.frompyfunc(math.hypot, 2, 1)(errors, paper_errors).astype(float)
+    size = np.abs(values - printed).astype(float)
+    # A number exactly on the rounding edge may be off by its own floating-point noise.
+    return size, half * (1 + 2e-9) + 1e-15 * np.abs(printed).astype(float) + SIGMAS * combined, combined
+
+
+def _compared(values, printed, half, bounds, errors, paper_errors, narrow, trials) -> dict[str, Any]:
     """Judge numbers, of which the worst gives the verdict.
 
-    half: of the last printed digits; errors, paper_errors: standard errors, ours and the paper's; bounds: of what is
-    close, 0 if nothing is; trials: ours.
+    half: of the last printed digits; bounds: of what is close, 0 if nothing is; errors, paper_errors: standard errors,
+    ours and the paper's; narrow: the largest of ours that decide; trials: ours.
     """
-    shape, arrays = printed.shape, np.broadcast_arrays(values, printed, half, errors, paper_errors, bounds)
-    values, printed, half, errors, paper_errors, bounds = map(np.ravel, arrays)
-    combined = np.array([*map(math.hypot, errors, paper_errors)])
-    differences = values - printed
-    size = np.abs(differences).astype(float)
-    # A number exactly on the rounding edge may be off by its own floating-point noise.
-    limits = half * (1 + 2e-9) + 1e-15 * np.abs(printed).astype(float) + SIGMAS * combined
-    room = np.abs(size - limits)
-    verdicts = np.select(
-        [np.isnan(errors) | (room < errors), size <= limits, size <= (bounds * (1 + 1e-9)).astype(float)],
-        ["undetermined", "reproduced", "close"],
-        "differs",
-    )
-    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
+    shape, arrays = printed.shape, np.broadcast_arrays(values, printed, half, bounds, errors, paper_errors, narrow)
+    values, printed, half, bounds, errors, paper_errors, narrow = map(np.ravel, arrays)
+    verdicts = _verdicts(values, printed, half, bounds, errors, paper_errors, narrow)
+    size, limits, combined = _against_limits(values, printed, half, errors, paper_errors)
+    differences, room = values - printed, np.abs(size - limits)
+    verdict = next(one for one in _WORST_FIRST if one in verdicts)
     judged: dict[str, Any] = {"verdict": verdict}
     if shape:
         judged["components"] = verdicts.reshape(shape).tolist()
@@ -247,8 +328,11 @@ def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> di
     if np.isnan(errors[deciding]).any():
         return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
     if verdict == "undetermined":
-        more = max(map(_more, size[deciding] - half[deciding], errors[deciding], paper_errors[deciding]))
-        judged["doubts"] = (Doubt(why="our sampling error decides", trials=settling(more, trials)),)
+        of = (array[deciding] for array in (size - half, errors, paper_errors, narrow))
+        doubt = Doubt(why="our sampling error decides", trials=settling(max(map(_more, *of)), trials))
+        if _is_zero_as_good(printed, limits, combined):
+            doubt = Doubt(why="zero would reproduce it as well")
+        judged["doubts"] = (doubt,)
     sampled = combined > 0.0
     distance = room / np.where(sampled, combined, half)
     at = deciding[(np.argmax if verdict == "differs" else np.argmin)(distance[deciding])]
@@ -264,12 +348,16 @@ def _compared(values, printed, half, errors, paper_errors, bounds, trials) -> di
     return judged
 
 
-def _more(beyond: float, error: float, paper_error: float) -> float:
-    """So many times our trials would decide about a number that lies so far beyond its printed digits."""
+def _more(beyond: float, error: float, paper_error: float, narrow: float) -> float:
+    """So many times our trials would decide about a number that lies so far beyond its printed digits.
+
+    narrow: the error that is narrow enough, where it is above the paper's own.
+    """
 
     def decide(more: float) -> bool:
         less = error / math.sqrt(more)
-        return abs(beyond - SIGMAS * math.hypot(less, paper_error)) >= less
+        room = beyond - SIGMAS * math.hypot(less, paper_error)
+        return abs(room) >= less and (room > 0.0 or less <= narrow)
 
     return next(filter(decide, _MORE), 1.0)
 

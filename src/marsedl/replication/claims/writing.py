@@ -99,7 +99,8 @@ def holds(*parts: "Test | str", trials: int | None = None, by_construction: str 
     margins = [test.margin for test in tests if test.margin and test.passed == value]
     margin = (min if value else max)(margins, key=lambda margin: margin.distance, default=None)
     evidence = [part if isinstance(part, str) else part.sentence for part in parts]
-    return Evaluation(value, None, trials, evidence, numbers, False, tuple(doubts), margin, by_construction)
+    every = tuple(margin for test in tests for margin in test.margins)
+    return Evaluation(value, None, trials, evidence, numbers, False, tuple(doubts), margin, every, by_construction)
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ class Test:
     doubt: Doubt | None = None  # why it could as well be the other way
     more: float = 1.0  # so many times the trials would decide
     margin: Margin | None = None  # of the entry that decides
+    margins: tuple[Margin | None, ...] = ()  # of all comparisons that it joins, in their order
 
     def __bool__(self):
         """Refuse `a < measure < b`, of which Python would drop a half."""
@@ -122,7 +124,8 @@ class Test:
         better = next(iter(sure), self if self.passed or not other.passed else other)
         sentence = f"{self.sentence}, or {other.sentence}"
         unsure = Test(True, "") if sure else self if self.doubt else other
-        return Test(self.passed or other.passed, sentence, unsure.doubt, unsure.more, better.margin)
+        margins = self.margins + other.margins
+        return Test(self.passed or other.passed, sentence, unsure.doubt, unsure.more, better.margin, margins)
 
 
 class Measure:
@@ -158,12 +161,14 @@ class Measure:
         spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
         negation = "" if passed.all() else "not "
         why, more = _doubt(passed, (compare(value, half) != passed) | (compare(value, twice) != passed), room, error)
+        margin = _margin(self, passed, room, value.astype(float), limits.astype(float), error)
         return Test(
             bool(passed.all()),
             f"{self.name}: {which}{number}{spread}{unit} ({negation}{relation} {bound}{unit})",
             Doubt(why=why, measure=self.name) if why else None,
             more,
-            _margin(self, passed, room, value.astype(float), limits.astype(float), error),
+            margin,
+            (margin,),
         )
 
     __lt__ = partialmethod(_test, operator.lt, "below")
@@ -201,7 +206,7 @@ def whichever(*tests: Test) -> Test:
     if not passed and any(test.passed for test in tests):
         unsure = doubtful("the paper does not say which of these is meant")
     margin = next((test.margin for test in tests if test.passed == passed), None)
-    return Test(passed, sentence, unsure.doubt, unsure.more, margin)
+    return Test(passed, sentence, unsure.doubt, unsure.more, margin, sum((test.margins for test in tests), ()))
 
 
 def listed(values: object, form: str = ".3f") -> str:
@@ -337,34 +342,36 @@ class Claims:
                 evaluations[name] = self.evaluate_one(name, asked)
         return evaluations
 
-    def turned(
-        self, rows: Iterable[Claim], given: Arguments, published: Mapping[str, PublishedClaim], **further: object
-    ) -> dict[str, Counterexample | None]:
-        """Turn every counted claim by its counterexample; arguments as of `evaluate`, in the reading that counts.
 
-        Returns what was changed, by how much, and the verdict after it, by claim; None for one that was not turned. A
-        claim that another reading turns is left out where that is not built.
-        """
-        asked, turned = self.asking(given, published, **further), {}
-        for row in rows:
-            if row.verdict not in COUNTED_VERDICTS or row.kind == UNDECIDED:
-                continue
-            change = self.declarations[row.id].counterexample
-            if change is None:
-                turned[row.id] = None
-            elif change.change != "in_reading":
-                turned[row.id] = change.turning_point(partial(self._verdict, row.id), asked)
-            elif change.target in row.readings:
-                turned[row.id] = change.elsewhere(row)
-        return turned
+def turned(
+    claims: Claims, rows: Iterable[Claim], given: Arguments, published: Mapping[str, PublishedClaim], **further: object
+) -> dict[str, Counterexample | None]:
+    """Turn every counted claim by its counterexample; arguments as of `Claims.evaluate`, in the reading that counts.
 
-    def _verdict(self, name: str, asked: Arguments) -> tuple:
-        """The verdict on a claim and on its components; raises ValueError if there is nothing to judge."""
-        evaluation = self.evaluate_one(name, asked)
-        if evaluation.failed or evaluation.value is None or finite_values(evaluation.value) != evaluation.value:
-            raise ValueError(f"{name}: nothing to judge")
-        result = judge(asked.further["published"][name], evaluation, self.declarations[name])
-        return result.verdict, result.components
+    Returns what was changed, by how much, and the verdict after it, by claim; None for one that was not turned. A claim
+    that another reading turns is left out where that is not built.
+    """
+    asked, found = claims.asking(given, published, **further), {}
+    for row in rows:
+        if row.verdict not in COUNTED_VERDICTS or row.kind == UNDECIDED:
+            continue
+        change = claims.declarations[row.id].counterexample
+        if change is None:
+            found[row.id] = None
+        elif change.change != "in_reading":
+            found[row.id] = change.turning_point(partial(_verdict, claims, row.id), asked)
+        elif change.target in row.readings:
+            found[row.id] = change.elsewhere(row)
+    return found
+
+
+def _verdict(claims: Claims, name: str, asked: Arguments) -> tuple:
+    """The verdict on a claim and on its components; raises ValueError if there is nothing to judge."""
+    evaluation = claims.evaluate_one(name, asked)
+    if evaluation.failed or evaluation.value is None or finite_values(evaluation.value) != evaluation.value:
+        raise ValueError(f"{name}: nothing to judge")
+    result = judge(asked.further["published"][name], evaluation, claims.declarations[name])
+    return result.verdict, result.components
 
 
 @cache

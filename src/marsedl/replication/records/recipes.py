@@ -6,10 +6,12 @@ the digests of the recipes of the artifacts that it is made from, so that it sta
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from marsedl.replication.errors import shown
+from marsedl.replication.files import write_text
 
 # What artifacts look like and what jobs do around the science, none of which the digests of code see. Raise it with an
 # edit of `fingerprints.MACHINERY` that changes a product: everything is then made again.
@@ -38,3 +40,24 @@ def recipe_changes(stored: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iter
     old, new = stored.get("needs", {}), recipe["needs"]
     if changed_needs := sorted(name for name in new if old.get(name) != new[name]):
         yield f"another {', '.join(changed_needs[:NAMED_CHANGES])}"
+
+
+def file_digest(path: Path) -> str:
+    """Short digest of the bytes of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def write_record(record: str | Path, digests: Iterable[str], products: Iterable[str]) -> None:
+    """Record what the products of a job are made from: the digests of recipes, then each file with its own.
+
+    The first digest is that of the products' recipe; those behind it are of recipes that give the same to others, see
+    `Recipes.record`.
+    """
+    lines = [" ".join(digests), *(f"{file_digest(Path(path))} {path}" for path in products)]
+    write_text(record, "\n".join(lines) + "\n")
+
+
+def read_record(record: Path) -> tuple[list[str], dict[str, str]]:
+    """Return what `write_record` recorded: digests of recipes, and of files by their paths."""
+    first, *others = record.read_text(encoding="utf-8").splitlines() or [""]
+    return first.split(), {path: digest for digest, _, path in (line.partition(" ") for line in others)}

@@ -49,9 +49,12 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
         file.attrs.update({"schema": schema_digest(kind), "format": FORMAT})
         for name, declared in sorted(quantities(kind).items()):
             array, options = arrays[name], {"track_times": False}
-            if declared.dtype == "str":
+            if declared.dtype == "str" and array.nbytes <= COMPRESS_ABOVE_BYTES:
                 array = array.astype(h5py.string_dtype())
-            elif array.nbytes > COMPRESS_ABOVE_BYTES:
+            elif declared.dtype == "str":  # of fixed length, as HDF5 compresses no others
+                array = np.char.encode(array, "utf-8")
+                array = array.astype(h5py.string_dtype("utf-8", array.dtype.itemsize))
+            if array.dtype.kind != "O" and array.nbytes > COMPRESS_ABOVE_BYTES:
                 options |= {"chunks": True, "shuffle": True, "compression": "gzip", "compression_opts": 4}
             dataset = file.create_dataset(name, data=array, **options)
             words = {"units": declared.unit, "long_name": declared.label, "meaning": declared.meaning}

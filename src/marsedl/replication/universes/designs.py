@@ -10,13 +10,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs.choices import MISPRINT, Assignment, Choice, Choices
+from marsedl.replication.inputs.choices import MISPRINT, Assignment, Choice, Choices, Value
 
 ONE_AT_A_TIME, SPACE_FILLING, WAVE = "one_at_a_time", "space_filling", "wave"
 DESIGNS = (ONE_AT_A_TIME, SPACE_FILLING, WAVE)
 SEED = 20261127  # of the scrambling; any number serves
 RANGE_POINTS = (0.0, 0.5, 1.0)  # of a range, in a design of one at a time
+FIRST_REFINED = 500  # number of the first universe between two of the points of a range
 FIRST = 1000  # number of the first universe of the space-filling design
+FIRST_OF_WAVES = 100_000  # number of the first universe of a wave
 AGAIN = 1_000_000  # added to the number of one that is computed again with other random numbers
 
 
@@ -45,24 +47,35 @@ def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[
     for choice in choices:
         if names is not None and choice.name not in names:
             continue
-        only_if = choice.only_if.items()
-        needed = {name: those[0] for name, those in only_if if choices.default(choices.by_name[name]) not in those}
         values = [choice.range.at(share) for share in RANGE_POINTS] if choice.range else choice.alternatives
-        assignments += [{**needed, choice.name: value} for value in values if value != choices.default(choice)]
+        assignments += [by_itself(choices, choice, value) for value in values if value != choices.default(choice)]
     return [Universe(number, ONE_AT_A_TIME, one) for number, one in enumerate(assignments)]
 
 
-def numbered(choices: Choices, number: int) -> Universe:
-    """Return a universe by its number: below 1000 one at a time, from there on space filling.
+def by_itself(choices: Choices, choice: Choice, value: Value) -> dict[str, Value]:
+    """Return the assignment that varies one choice, with the values of others without which it changes nothing."""
+    only_if = choice.only_if.items()
+    needed = {name: those[0] for name, those in only_if if choices.default(choices.by_name[name]) not in those}
+    return {**needed, choice.name: value}
 
-    Raises InputError for a number that no design has.
+
+def numbered(choices: Choices, number: int, names: Sequence[str] | None = None, alone: int | None = None) -> Universe:
+    """Return a universe by its number alone: below 1000 one at a time, from there on space filling.
+
+    names, alone: as of `design`. Raises InputError for a number that no design has, as those of waves, which depend on
+    the universes before them.
     """
-    alone = one_at_a_time(choices)
-    if 0 <= number < len(alone):
-        return alone[number]
-    if number < FIRST:
-        raise InputError(f"universe {number}: give a number from 0 to {len(alone) - 1}, or from {FIRST} on")
-    return space_filling(choices, number - FIRST + 1)[-1]
+    by_themselves, again = one_at_a_time(choices, names)[:alone], number >= AGAIN
+    if 0 <= number < len(by_themselves):
+        return by_themselves[number]
+    if not FIRST <= (base := number - AGAIN * again) < FIRST_OF_WAVES:
+        raise InputError(
+            f"no table holds universe {number}, and no design has it: one at a time are 0 to {len(by_themselves) - 1}, "
+            f"space filling {FIRST} to {FIRST_OF_WAVES - 1}, and these plus {AGAIN} with other random numbers"
+        )
+    combined = varied(choices)
+    last = assignment_at(choices, combined, sobol(len(combined), base - FIRST + 1)[-1])
+    return Universe(number, SPACE_FILLING, last, seed=int(again))
 
 
 def varied(choices: Choices) -> list[Choice]:

@@ -6,22 +6,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.universes.designs import AGAIN
+from marsedl.replication.claims.counts import plural
+from marsedl.replication.inputs.choices import in_words
+from marsedl.replication.universes.designs import AGAIN, ONE_AT_A_TIME, SPACE_FILLING, WAVE
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import decoded
 from marsedl.replication.universes.waves import Matching, Wave
 
 
 class Best(NamedTuple):
-    """The universe in which most headlines stand: how many of them, and of all claims, there and in `corrected`."""
+    """The universe in which most headlines stand: how many of them and of all claims, there and in `corrected`.
+
+    What cannot fail counts in none; `corrected` is counted at the numbers of trials of universes.
+    """
 
     universe: int
     changed: dict[str, object]  # its values of choices that are not those of corrected
     headlines: int
-    of: int
+    in_corrected: int
+    of: int  # headlines that universes compute
     claims: int
     claims_in_corrected: int
+    of_claims: int
     again: bool | None  # whether as many headlines stand with other random numbers; None: not computed
 
 
@@ -35,44 +41,52 @@ class Predicted(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """What the universes say of all headlines together; `never` are the smallest sets that never stand together."""
+    """What the universes say of all headlines together.
+
+    `never` are the smallest sets that never stand together, `not_computed` the headlines that no universe computes.
+    """
 
     waves: Sequence[Wave]
     best: Best | None
     never: Sequence[tuple[str, ...]]
     halves: Sequence[Predicted]
+    not_computed: Sequence[str]
 
 
 def joint(judge: Judge) -> Joint:
     """Return what the universes of a table say of all headlines together."""
-    matching = Matching(judge.choices, judge.published.values())
-    decided = judge.table.claim[judge.table.verdict.any(axis=0)]  # code 0 is "none"
-    names = [one.id for one in matching.headlines if one.id in decided]
+    matching = Matching(judge)
+    computed = {name for name, at in judge.column.items() if judge.has_result[:, at].any()}
+    names = [one.id for one in matching.headlines if one.id in computed]
     places = [judge.column[name] for name in names]
     never = [tuple(names[k] for k in those) for those in _never_together(judge, places)]
-    return Joint(matching.waves(judge.table), _best(judge, places) if names else None, never, _halves(judge))
+    absent = [one.id for one in matching.headlines if one.id not in computed]
+    return Joint(matching.waves(), _best(judge, places) if names else None, never, _halves(judge), absent)
 
 
 def _best(judge: Judge, places: Sequence[int]) -> Best:
     """The universe in which most of some claims, and then most of all, stand."""
     table, headlines, claims = judge.table, judge.stands[:, places].sum(axis=1), judge.stands.sum(axis=1)
-    at = max(np.flatnonzero(table.seed == 0), key=lambda k: (headlines[k], claims[k], -k))
+    # Of equal ones the first that has its own random numbers from `corrected`.
+    at = max(range(len(table.number)), key=lambda k: (headlines[k], table.seed[k] == 0, claims[k], -k))
     assignment, base = (decoded(judge.choices, table.assignment[k]) for k in (at, judge.base))
-    again = np.flatnonzero(table.number == AGAIN + table.number[at])
+    again = np.flatnonzero(np.abs(table.number - table.number[at]) == AGAIN)
     return Best(
         int(table.number[at]),
         {name: value for name, value in assignment.items() if value != base.get(name)},
         int(headlines[at]),
+        int(headlines[judge.base]),
         len(places),
         int(claims[at]),
         int(claims[judge.base]),
+        int((judge.stands | judge.refuted).any(axis=0).sum()),
         bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
     )
 
 
 def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]]:
     """The smallest sets of claims that stand together in no universe which decides all of them."""
-    decided, stands = judge.decided[:, places], judge.stands[:, places]
+    stands, decided = judge.stands[:, places], (judge.stands | judge.refuted)[:, places]
     for size in range(1, len(places) + 1):
         found = []
         for those in itertools.combinations(range(len(places)), size):
@@ -94,11 +108,41 @@ def _halves(judge: Judge) -> list[Predicted]:
     return found
 
 
-def answer(found: Joint) -> str:
-    """Return in a few words whether all headlines are true at once somewhere."""
-    if found.best is None:
-        return "no universe evaluates a headline"
-    if found.best.headlines == found.best.of:
-        where = CORRECTED if not found.best.changed else f"universe {found.best.universe}"
-        return f"all {found.best.of} headlines stand in {where}"
-    return f"at most {found.best.headlines} of {found.best.of} headlines stand in one universe"
+def in_sentences(judge: Judge) -> str:
+    """Return how many universes there are, and what they say of all headlines together, in Markdown."""
+    found, table = joint(judge), judge.table
+    designs = {
+        "with one choice varied": int(judge.among(ONE_AT_A_TIME).sum()) - 1,
+        "that fill the space": int(judge.among(SPACE_FILLING).sum()),
+        "of waves": int(judge.among(WAVE).sum()),
+        "with other random numbers": int((table.seed > 0).sum()),
+    }
+    parts = ", ".join(f"{count} {what}" for what, count in designs.items() if count)
+    texts = [f"{len(table.number)} universes: `corrected`, {parts}"]
+    if (best := found.best) is not None:
+        share = f"at most {best.headlines}" if best.headlines else "none"
+        most = f"all {best.of}" if best.headlines == best.of else f"{share} of {best.of}"
+        where = f"universe {best.universe}" if best.changed else "`corrected`"
+        changed = ", ".join(f"{in_words(name)} = {in_words(value)}" for name, value in best.changed.items())
+        where += f" ({changed})" if changed else ""
+        texts.append(f"{most} headlines stand in one universe, in {where}; {best.in_corrected} in `corrected`")
+        if best.again is not None:
+            texts[-1] += f"; with other random numbers {'as many' if best.again else 'fewer'}"
+    for names in found.never:
+        those = " and ".join(f"`{name}`" for name in names)
+        texts.append(f"{those} {'stand together' if len(names) > 1 else 'stands'} in none")
+    if found.not_computed:
+        texts.append(f"not computed in universes: {', '.join(f'`{name}`' for name in found.not_computed)}")
+    texts += _of_waves(found.waves)
+    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
+
+
+def _of_waves(waves: Sequence[Wave]) -> list[str]:
+    """What waves rule out, and whether their universes have more headlines than those before."""
+    if len(waves) < 2:
+        return []
+    last, own = waves[-1], [wave.standing for wave in waves]
+    left = f"{100 * last.volume:.2g} % of the choices are not ruled out" if last.volume else "no choices are left"
+    better = "more" if max(own[1:]) > own[0] else "no more"
+    means = f"{own[0]:.2g} headlines stand on average in the universes that fill the space"
+    return [f"by the emulators {left} after {plural(len(waves) - 1, 'wave')}; {means}, {better} in those of the waves"]

@@ -1,8 +1,9 @@
-"""What decides a claim: queries of the table of universes.
+"""What decides a claim: verdicts, labels and causes, judged from the numbers of a paper's universes and readings.
 
 Shares of universes depend on how many alternatives each choice lists: they are no probabilities.
 """
 
+import hashlib
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,21 +14,46 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, REFUTED_VERDICTS, STANDING_VERDICTS, Standing
+from marsedl.replication.claims.claim import (
+    BY_CONSTRUCTION,
+    REFUTED_VERDICTS,
+    STANDING_VERDICTS,
+    Cause,
+    Claim,
+    Result,
+    Standing,
+)
+from marsedl.replication.claims.committed import committed_verdicts
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
-from marsedl.replication.inputs.choices import Choice, Choices, Value
-from marsedl.replication.inputs.readings import load_study
+from marsedl.replication.claims.verdicts import Declaration, verdicts_in_universes, worst
+from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.choices import MISPRINT, Choice, Choices, Value
+from marsedl.replication.inputs.readings import Study, load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
-from marsedl.replication.universes.table import CAUSES, VERDICTS, Universes, components_of, decoded, size_of_change
+from marsedl.replication.universes.table import (
+    RESULT,
+    Triple,
+    Universes,
+    components_of,
+    decoded,
+    numbers_of,
+    size_of_change,
+)
 
-ROBUST, DEPENDS, NEVER, UNDECIDED = "robust", "depends", "never", "undecided"
+ROBUST, DEPENDS, NEVER, UNDECIDED, FEW, NOT_COMPUTED = (
+    *("robust", "depends", "never", "undecided"),
+    *("too_few", "not_computed"),
+)
 TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
+FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
+NOTHING = (math.nan, 0.0, math.nan)
 
 
 class Share(NamedTuple):
@@ -47,24 +73,38 @@ class Share(NamedTuple):
 class Effect(NamedTuple):
     """What one value of a choice changes by itself, beside `corrected`.
 
-    `difference` is that of the number that decides, `size` its ratio to what noise and rounding could explain; NaN if
-    there is no number. `towards` says whether the number moves nearer to what is printed, or to its limit.
+    `where` names the universe, or the reading, that has the value; it is compared with `corrected` at its number of
+    trials. `difference` is that of the number that decides, `size` its ratio to what noise and rounding could explain;
+    NaN if there is no number, or if another test decides. `towards` says whether the number moves nearer to what is
+    printed, or to its limit, and `beyond` whether it ends on the other side of what is printed.
     """
 
     choice: str
     value: Value
-    universe: int
+    where: str
     verdict: str
     cause: str
     number: float
     difference: float
+    missing: float  # how far the number is from what is printed, or a statement from holding; negative where it holds
     size: float
     towards: bool
+    beyond: bool
 
     @property
     def counts(self) -> bool:
         """Whether the change is beyond noise and rounding."""
         return self.size > 1.0
+
+    @property
+    def is_true(self) -> bool:
+        """Whether the claim reproduces or holds there."""
+        return self.verdict in TRUE
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether the claim is true or false there."""
+        return self.is_true or self.verdict in REFUTED_VERDICTS
 
 
 class Index(NamedTuple):
@@ -84,8 +124,10 @@ class Index(NamedTuple):
 class Judged:
     """What the universes say of one claim.
 
-    `stands` is `robust` if the claim reproduces or holds in every universe that decides it, `never` if in none,
-    `undecided` if no universe decides it, else `depends` on the choices `on`.
+    `label` is `robust` if the claim reproduces or holds in every universe and reading with a result, `never` if it is
+    false in all of them, `depends` if it is true in some and false in others, `undecided` if those that decide agree
+    and others are undetermined, `too_few` if fewer than `FEWEST` universes decide it, `not_computed` if none has a
+    result. `alone` are the choices that turn or move it by themselves, `together` those that only matter with others.
     """
 
     component: str
@@ -93,12 +135,16 @@ class Judged:
     number: float
     error: float
     printed: float
-    stands: str
-    on: tuple[str, ...]
+    label: str
+    alone: tuple[str, ...]
+    together: tuple[str, ...]
     effects: tuple[Effect, ...]
+    cause: Effect | None
+    misprint: Effect | None  # that would make it true
     over_all: Share
     over_results: Share
     undetermined: Share
+    deciding: int  # space-filling universes in which it is true or false
     nearest: float | None  # the number where all of the claim's numbers come nearest to what is printed
     its_universe: int | None  # in which they do
     indices: tuple[Index, ...]
@@ -121,27 +167,107 @@ def share_of(those: np.ndarray, among: np.ndarray) -> Share:
 
 
 class Judge:
-    """Judges claims by a paper's table of universes."""
+    """Judges claims by a paper's table of universes and by what its readings give."""
 
     def __init__(
-        self, table: Universes, choices: Choices, published: Sequence[PublishedClaim], *, is_committed: bool = False
+        self,
+        table: Universes,
+        choices: Choices,
+        published: Sequence[PublishedClaim],
+        declarations: Mapping[str, Declaration],
+        rows: Sequence[Claim] = (),
+        points: Mapping[str, tuple[str, Value]] = {},
+        *,
+        is_committed: bool = False,
+        computed: int = 0,
     ):
-        """Take the table, the paper's choices and what it prints, and whether the table is a committed one."""
-        self.table, self.choices, self.is_committed = table, choices, is_committed
-        self.published = {one.id: one for one in published}
+        """Take what is judged and by what.
+
+        Args:
+            table: the universes.
+            choices: those of the paper.
+            published: what it prints.
+            declarations: what its code states about each claim, by id.
+            rows: its claims with what every reading gives.
+            points: the readings that vary one choice by itself, with it and its value there.
+            is_committed: whether the table is a committed one.
+            computed: how many of its universes the build has computed, to the same bits.
+
+        """
+        self.table, self.choices, self.is_committed, self.computed = table, choices, is_committed, computed
+        self.published = {one.id: one for one in published if one.id in declarations}
+        self.rows, self.points = {row.id: row for row in rows}, points
+        self._words = published, declarations, rows, points
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
-        self.column = {str(name): at for at, name in enumerate(table.claim)}  # of the verdicts of each claim
-        self.verdicts = np.array(VERDICTS)[table.verdict]  # (universe, claim), as the next two
-        self.stands = np.isin(self.verdicts, TRUE)
-        self.decided = self.stands | np.isin(self.verdicts, REFUTED_VERDICTS)
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
-        self._numbers = np.array([table.value, table.error, table.limit])  # (3, universe, component)
-        self._places, halves = {}, []  # columns of the numbers of each claim; half of the last printed digit of each
-        for name in self.column:
-            found = [half for _, _, half in components_of(self.published[name])]
-            self._places[name] = range(len(halves), len(halves) + len(found))
-            halves += found
-        self._halves = np.array(halves)
+        self._spread()
+        self.verdicts = np.full(self.cause.shape, "none", "<U16")  # (universe, claim)
+        self.of_numbers = np.full(self.numbers.shape[1:], "none", "<U16")  # of each component (universe, component)
+        for name, at in self.column.items():
+            self._judge(self.published[name], declarations[name], at)
+        self.stands = np.isin(self.verdicts, STANDING_VERDICTS)  # (universe, claim), as the next four
+        self.refuted = np.isin(self.verdicts, REFUTED_VERDICTS)
+        self.is_true = self.stands | (self.verdicts == BY_CONSTRUCTION)
+        self.decided = self.is_true | self.refuted
+        self.has_result = self.cause == RESULT
+
+    def _spread(self) -> None:
+        """Lay the rows of the table out by universe and claim, or component."""
+        table, order = self.table, np.argsort(self.table.number)
+        at = order[np.searchsorted(table.number, table.of, sorter=order)]
+        claims = dict.fromkeys(table.claim.tolist())
+        self.column = {name: k for k, name in enumerate(name for name in claims if name in self.published)}
+        known = np.isin(table.claim, list(self.column))
+        columns = np.array([self.column.get(name, 0) for name in table.claim.tolist()], dtype=int)
+        labels = list(zip(table.claim.tolist(), table.component.tolist(), strict=True))
+        found = {pair: None for pair, use in zip(labels, known, strict=True) if use}
+        for name in self.column:  # all numbers of a claim, also those that no universe has
+            found |= {(name, label): None for label in self._labels(name)}
+        self.component = sorted(found, key=lambda pair: (self.column[pair[0]], len(pair[1]), pair[1]))
+        places = {pair: k for k, pair in enumerate(self.component)}
+        self._places: dict[str, dict[str, int]] = {name: {} for name in self.column}
+        for (name, label), place in places.items():
+            self._places[name][label] = place
+        shape = len(table.number), len(self.column)
+        self.cause, self.finding = np.full(shape, "not_asked", "<U16"), np.full(shape, "", "<U16")
+        self.trials = np.zeros(shape, dtype=np.int64)
+        self.numbers = np.full((3, shape[0], len(places)), np.nan)  # (value, error and limit, universe, component)
+        self.tests = np.full(shape, -1)  # the component that decides a statement
+        at, columns = at[known], columns[known]
+        place = np.array([places[pair] for pair, use in zip(labels, known, strict=True) if use])
+        self.numbers[:, at, place] = np.array([table.value, table.error, table.limit])[:, known]
+        self.cause[at, columns], self.trials[at, columns] = table.cause[known], table.trials[known]
+        told = table.finding[known] != ""
+        self.finding[at[told], columns[told]] = table.finding[known][told]
+        self.tests[at[told], columns[told]] = place[told]
+
+    def _labels(self, claim: str) -> list[str]:
+        return [] if self.is_statement(claim) else [label for label, *_ in components_of(self.published[claim])]
+
+    def _judge(self, claim: PublishedClaim, declared: Declaration, at: int) -> None:
+        """Judge a claim in all universes by the rules of `verdicts`."""
+        found = self.finding[:, at]
+        if self.is_statement(claim.id):
+            verdicts, bound = found, found == BY_CONSTRUCTION
+        else:
+            places = [self._places[claim.id][label] for label in self._labels(claim.id)]
+            value, error, _ = self.numbers[:, :, places]
+            of_numbers = verdicts_in_universes(claim, declared.close, value, error, self.trials[:, at], self.base)
+            verdicts = worst(of_numbers)
+            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
+            bound = found == BY_CONSTRUCTION
+        confirmed = np.isin(verdicts, (*STANDING_VERDICTS, "undetermined"))
+        bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
+        verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
+        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, "none")
+
+    def over(self, table: Universes) -> "Judge":
+        """Return what judges another table of the same paper by the same words."""
+        return Judge(table, self.choices, *self._words)
+
+    def places(self, claim: str) -> list[int]:
+        """Return the columns of the numbers of a claim, of a statement those of its tests."""
+        return [*self._places[claim].values()]
 
     def among(self, design: str) -> np.ndarray:
         """Return which universes are of a design, those apart that are computed again with other random numbers."""
@@ -150,42 +276,76 @@ class Judge:
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at, place = self.column[claim], self.component_place(claim)
-        filled, stands, decided = self.among(SPACE_FILLING), self.stands[:, at], self.decided[:, at]
-        with_result = filled & (self.table.cause[:, at] == CAUSES.index("result"))
+        filled, stands, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
+        with_result = filled & self.has_result[:, at]
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
-        indices = self.indices(self.table.value[:, place], filled, at, pairs=pairs)
-        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, at, pairs=pairs)
-        every = filled | self.among(ONE_AT_A_TIME)
-        deciding = stands[every & decided]
-        overall = DEPENDS if deciding.any() else NEVER
-        if deciding.all():  # also of none
-            overall = ROBUST if len(deciding) else UNDECIDED
+        indices = self.indices(self.numbers[0][:, place], filled, claim, pairs=pairs)
+        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, claim, pairs=pairs)
+        label = self._label(claim)
+        by_itself = (*effects, *self._in_readings(claim))
+        alone, together = self._depends_on(stands[self.base], by_itself, (*indices, *of_verdict))
         return Judged(
-            str(self.table.component[place]),
+            self.component[place][1],
             self.verdict(claim),
-            *self._numbers[:, self.base, place].tolist(),
-            overall,
-            self._depends_on(stands[self.base], effects, (*indices, *of_verdict)) if overall == DEPENDS else (),
+            *self.numbers[:, self.base, place].tolist(),
+            label,
+            *((alone, together) if label == DEPENDS else (self._turning(stands[self.base], by_itself), ())),
             effects,
+            *self._causes(claim),
             share_of(stands, filled),
             share_of(stands, with_result),
             share_of(self.verdicts[:, at] == "undetermined", with_result),
-            *self._nearest(claim, every),
+            int((filled & decided).sum()),
+            *self._nearest(claim, filled | self.among(ONE_AT_A_TIME)),
             indices,
             self._noise(place, filled),
         )
 
+    def _label(self, claim: str) -> str:
+        """Return what all universes and readings that have a result say together, see `Judged`."""
+        at = self.column[claim]
+        if not self.has_result[:, at].any():
+            return NOT_COMPUTED
+        if (self.among(SPACE_FILLING) & self.decided[:, at]).sum() < FEWEST:
+            return FEW
+        verdicts = {*self.verdicts[self.has_result[:, at], at].tolist()}
+        verdicts |= {one.verdict for one in self.rows[claim].readings.values()} if claim in self.rows else set()
+        true, false = verdicts & {*TRUE}, verdicts & {*REFUTED_VERDICTS}
+        if true and false:
+            return DEPENDS
+        return UNDECIDED if "undetermined" in verdicts else ROBUST if true else NEVER
+
     def standing(self, claim: str) -> Standing:
-        """Return what the universes say of a claim, as it stands beside its verdict."""
+        """Return what the universes say of a claim, as it is shown beside its verdict."""
         one = self.judged(claim)
-        (true, of, low, high), found = one.over_results, cause_of(one.effects)
-        cause = found and (found.choice, f"{found.value:g}" if isinstance(found.value, float) else found.value)
-        return Standing(stands=one.stands, on=one.on, true=true, of=of, low=low, high=high, cause=cause)
+        true, of, low, high = one.over_results
+        return Standing(
+            label=one.label,
+            alone=one.alone,
+            together=one.together,
+            true=true,
+            undetermined=one.undetermined.count,
+            deciding=one.deciding,
+            of=of,
+            low=low,
+            high=high,
+            cause=_as_cause(one.cause),
+            misprint=_as_cause(one.misprint),
+        )
 
     def component_place(self, claim: str) -> int:
-        """Return the column of the number that decides a claim: in `corrected` it is furthest from what is printed."""
-        return max(self._places[claim], key=lambda place: self._distances[self.base, place])
+        """Return the column of the number that decides a claim in `corrected`.
+
+        Of a row of numbers that is the one furthest from what is printed; of a statement, what its deciding test
+        measures, and never what another one does.
+        """
+        at = self.column[claim]
+        if self.is_statement(claim):
+            tests = self.tests[:, at]
+            return int(tests[self.base] if tests[self.base] >= 0 else tests.max())
+        places = self._places[claim].values()
+        return max(places, key=lambda place: self._distances[self.base, place])
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
@@ -195,78 +355,135 @@ class Judge:
         """Whether a claim is a statement; others are numbers."""
         return self.published[claim].kind == "qualitative"
 
+    def half(self, place: int) -> float:
+        """Return half of the last printed digit of a component; 0 if none is printed."""
+        claim, label = self.component[place]
+        return next((half for name, _, half in components_of(self.published[claim]) if name == label), 0.0)
+
     @cached_property
     def _distances(self) -> np.ndarray:
-        """How far every number is from what is printed, in half digits and errors; -1 without one."""
-        value, error, limit = self._numbers
-        scale = np.hypot(SIGMAS * error, self._halves)
+        """How far every number is from what is printed, in half digits and errors of `corrected`; -1 without one."""
+        value, error, limit = self.numbers
+        halves = np.array([self.half(place) for place in range(value.shape[1])])
+        scale = np.hypot(SIGMAS * np.nan_to_num(error[self.base]), halves)
         scale = np.where(scale == 0.0, np.abs(limit), scale)
         distances = np.abs(value - limit) / np.where(scale == 0.0, 1.0, scale)
         return np.where(np.isfinite(distances), distances, -1.0)
 
     @cached_property
     def _alone(self) -> list[tuple[int, str, Value]]:
-        """The universes that vary one choice by itself, with it and its value there."""
+        """The places of universes that vary one choice by itself, with it and its value there."""
         found, corrected = [], decoded(self.choices, self.table.assignment[self.base])
-        for universe in map(int, np.flatnonzero(self.among(ONE_AT_A_TIME))):
-            values = decoded(self.choices, self.table.assignment[universe])
-            moved = [one for one in self.choices if values.get(one.name) != corrected.get(one.name)]
-            main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
-            if len(main) == 1:
-                found.append((universe, main[0], values[main[0]]))
+        for at in map(int, np.flatnonzero(self.among(ONE_AT_A_TIME))):
+            values = decoded(self.choices, self.table.assignment[at])
+            if name := only_moved(self.choices, values, corrected):
+                found.append((at, name, values[name]))
         return found
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
-        """Return what each value of each choice changes by itself, the largest change first."""
+        """Return what each value of each choice changes by itself in universes, the largest change first."""
         place, at, found = self.component_place(claim), self.column[claim], []
-        before = self._numbers[:, self.base, place]
-        # A statement holds on the side of `corrected`, or on the other one.
-        side = np.sign(before[0] - before[2]) * (1.0 if self.verdict(claim) in STANDING_VERDICTS else -1.0)
-        for universe, choice, value in self._alone:
-            verdict, cause = str(self.verdicts[universe, at]), CAUSES[self.table.cause[universe, at]]
-            after = self._numbers[:, universe, place]
-            if self.is_statement(claim):
-                towards = side * (after[0] - after[2]) > side * (before[0] - before[2])
-            else:
-                towards = abs(after[0] - after[2]) < abs(before[0] - before[2])
-            size = size_of_change(before, after, self._halves[place])
-            numbers = float(after[0]), float(after[0] - before[0]), float(size), bool(towards)
-            found.append(Effect(choice, value, int(self.table.number[universe]), verdict, cause, *numbers))
+        before, was = self.numbers[:, self.base, place].tolist(), self.verdict(claim)
+        for k, choice, value in self._alone:
+            where, after = f"universe {self.table.number[k]}", self.numbers[:, k, place].tolist()
+            verdicts = was, str(self.verdicts[k, at])
+            found.append(self._effect(claim, (choice, value, where), before, after, verdicts, str(self.cause[k, at])))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
+
+    def _in_readings(self, claim: str) -> list[Effect]:
+        """The same of the named readings that vary one choice by itself: they fly more than universes."""
+        if (row := self.rows.get(claim)) is None:
+            return []
+        corrected, found = row.readings[CORRECTED], []
+        label = "" if row.is_statement else self.component[self.component_place(claim)][1]
+        for name, (choice, value) in self.points.items():
+            result = row.readings.get(name)
+            if result is None or None in (result.verdict, corrected.verdict):
+                continue
+            sides = [numbers_of(row, one).get(label, NOTHING) for one in (corrected, result)]
+            if row.is_statement and len({one.margin and one.margin.measure for one in (corrected, result)}) > 1:
+                sides[1] = NOTHING  # of another test
+            verdicts = corrected.verdict, result.verdict
+            found.append(self._effect(claim, (choice, value, f"reading {name}"), *sides, verdicts, RESULT))
+        return found
+
+    def _effect(self, claim, varied, before: Triple, after: Triple, verdicts: tuple[str, str], cause: str) -> Effect:
+        """The effect of a choice's value in a place, from the numbers and verdicts of `corrected` and of this place."""
+        missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
+        crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
+        size = size_of_change(before, after, self.half(self.component_place(claim)))
+        numbers = float(after[0]), float(after[0] - before[0]), float(missing[1]), float(size)
+        beyond = crosses and verdicts[1] in REFUTED_VERDICTS
+        return Effect(*varied, verdicts[1], cause, *numbers, bool(missing[1] < missing[0]), beyond)
+
+    def _missing(self, claim: str, of: Triple, fails: bool, corrected: Triple) -> float:
+        """How far a number is from what is printed, or a statement from holding, in the unit of the number."""
+        distance = of[0] - of[2]
+        if not self.is_statement(claim):
+            return abs(distance)
+        # A statement holds on the side of `corrected`, or on the other one.
+        return distance * float(np.sign(corrected[0] - corrected[2])) * (1.0 if fails else -1.0)
+
+    def _causes(self, claim: str) -> tuple[Effect | None, Effect | None]:
+        """Return the value of a choice that by itself makes a refuted claim true, or else nearest to true.
+
+        Misprints, values set apart, what is undetermined, and what ends beyond the printed value are no causes; one of
+        the first two that makes the claim true is returned beside.
+        """
+        row, in_readings = self.rows.get(claim), self._in_readings(claim)
+        if (row.verdict if row else self.verdict(claim)) not in REFUTED_VERDICTS:
+            return None, None
+        known = {(one.choice, one.value) for one in in_readings}
+        effects = [*in_readings, *(one for one in self.effects(claim) if (one.choice, one.value) not in known)]
+        admitted, apart = [], []
+        for one in (one for one in effects if one.is_decided):
+            choice = self.choices.by_name[one.choice]
+            (apart if choice.kind == MISPRINT or one.value in choice.apart else admitted).append(one)
+        true = [one for one in admitted if one.is_true]
+        near = [one for one in admitted if one.counts and one.towards and not one.beyond]
+        return _nearest_of(true or near), _nearest_of([one for one in apart if one.is_true])
 
     def second_seed(self) -> Share:
         """Return how many numbers agree, within three standard errors, with those of other random numbers."""
         again = np.flatnonzero(self.table.seed)
         first = np.searchsorted(self.table.number, self.table.number[again] - AGAIN)
-        error = np.hypot(self.table.error[first], self.table.error[again])
-        agree = np.abs(self.table.value[first] - self.table.value[again]) <= SIGMAS * error
-        return share_of(agree, error > 0.0)
+        value, error, _ = self.numbers
+        both = np.hypot(error[first], error[again])
+        agree = np.abs(value[first] - value[again]) <= SIGMAS * both
+        return share_of(agree, both > 0.0)
 
     def _nearest(self, claim: str, among: np.ndarray) -> tuple[float, int] | tuple[None, None]:
         """The deciding number where a claim's numbers, all of them, come nearest to what is printed; the universe."""
-        distances = self._distances[:, self._places[claim]].max(axis=1)
-        use = among & (self.table.cause[:, self.column[claim]] == CAUSES.index("result")) & (distances >= 0.0)
+        place = self.component_place(claim)
+        places = [place] if self.is_statement(claim) else list(self._places[claim].values())
+        distances = self._distances[:, places].max(axis=1)
+        use = among & self.has_result[:, self.column[claim]] & (distances >= 0.0)
         if not use.any():
             return None, None
         best = np.argmin(np.where(use, distances, np.inf))
-        return float(self.table.value[best, self.component_place(claim)]), int(self.table.number[best])
+        return float(self.numbers[0, best, place]), int(self.table.number[best])
 
-    def indices(self, values: np.ndarray, among: np.ndarray, key: int = 0, *, pairs: bool = True) -> tuple[Index, ...]:
+    def indices(
+        self, values: np.ndarray, among: np.ndarray, claim: str = "", *, pairs: bool = True
+    ) -> tuple[Index, ...]:
         """Return the correlation ratio of every choice with a number, the largest first, then of pairs if asked for.
 
         It is the share of the variance of the number's ranks between the values of the choice (a range in four equal
         parts), among universes with a value. Of a pair it is what both explain together beyond each by itself, and
         only pairs beyond chance are returned. `chance` is what 95 of 100 permutations of the values stay below, with
-        all choices at once: of many choices, one would be beyond its own level by chance.
+        all choices at once: of many choices, one would be beyond its own level by chance. claim: whose name seeds the
+        permutations.
         """
         use = among & np.isfinite(values)
         if use.sum() < 8 or np.ptp(values[use]) == 0.0:
             return ()
         _, ranks = np.unique(values[use], return_inverse=True)  # of values, outliers would decide alone
+        key = int.from_bytes(hashlib.sha256(claim.encode()).digest()[:8], "little")
         generator = np.random.Generator(np.random.Philox(key=key))
         tried = np.array([ranks, *(generator.permutation(ranks) for _ in range(PERMUTATIONS))], dtype=float)
         groups = {one.name: self._groups(one, self.table.assignment[use, k]) for k, one in enumerate(self.choices)}
-        groups = {name: group for name, group in groups.items() if len(np.unique(group)) > 1}
+        groups = {name: np.unique(group, return_inverse=True)[1] for name, group in groups.items()}
+        groups = {name: group for name, group in groups.items() if group.any()}
         ratios = {name: correlation_ratio(tried, group) for name, group in groups.items()}
         null = np.array([ratio[1:] for ratio in ratios.values()])
         mean, spread = null.mean(axis=1), np.maximum(null.std(axis=1), 1e-12)
@@ -275,7 +492,7 @@ class Judge:
         alone = [Index(name, float(ratio[0]), float(chance[name])) for name, ratio in ratios.items()]
         beyond_chance = []
         for first, second in itertools.combinations(groups, 2) if pairs else ():
-            both = np.unique(np.array([groups[first], groups[second]]), axis=1, return_inverse=True)[1]
+            both = groups[first] * len(tried[0]) + groups[second]
             beyond = correlation_ratio(tried, both) - ratios[first] - ratios[second]
             found = Index(f"{first} x {second}", float(beyond[0]), float(beyond[1:].max()))
             beyond_chance += [found] if found.decides else []
@@ -289,14 +506,21 @@ class Judge:
         return np.where(shares < 0, -1, interval_of(shares, 4))
 
     @staticmethod
-    def _depends_on(stands: bool, effects: Iterable[Effect], indices: Iterable[Index]) -> tuple[str, ...]:
-        """The choices that turn a verdict by themselves, then those with an index beyond chance."""
-        turned = [e.choice for e in effects if e.verdict in TRUE + REFUTED_VERDICTS and (e.verdict in TRUE) != stands]
+    def _turning(is_true: bool, effects: Iterable[Effect]) -> tuple[str, ...]:
+        """The choices that turn a verdict by themselves."""
+        return tuple(dict.fromkeys(one.choice for one in effects if one.is_decided and one.is_true != is_true))
+
+    def _depends_on(
+        self, is_true: bool, effects: Sequence[Effect], indices: Iterable[Index]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The choices that decide by themselves, those that turn the verdict first, and those that do with others."""
+        moving = {one.choice for one in effects if one.counts}
         beyond = [name for one in indices if one.decides for name in one.choice.split(" x ")]
-        return tuple(dict.fromkeys([*turned, *beyond]))
+        alone = dict.fromkeys([*self._turning(is_true, effects), *(name for name in beyond if name in moving)])
+        return tuple(alone), tuple(dict.fromkeys(name for name in beyond if name not in alone))
 
     def _noise(self, place: int, among: np.ndarray) -> float:
-        values, errors = self.table.value[among, place], self.table.error[among, place]
+        values, errors = self.numbers[:2, among, place]
         use = np.isfinite(values)
         variance = float(np.var(values[use])) if use.sum() > 1 else 0.0
         return float(min(np.mean(np.nan_to_num(errors[use]) ** 2) / variance, 1.0)) if variance else math.nan
@@ -304,18 +528,49 @@ class Judge:
 
 def correlation_ratio(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     """Return the share of the variance of values (..., count) that lies between groups (count,)."""
-    of_group = np.equal.outer(np.unique(groups), groups).astype(float)  # (group, count)
-    sizes = of_group.sum(axis=1)
+    order = np.argsort(groups, kind="stable")
+    starts = np.flatnonzero(np.diff(groups[order], prepend=np.nan) != 0)
     centred = values - values.mean(axis=-1, keepdims=True)
-    between = ((centred @ of_group.T) ** 2 / sizes).sum(axis=-1)
+    sums = np.add.reduceat(centred[..., order], starts, axis=-1)
+    between = (sums**2 / np.diff([*starts, len(groups)])).sum(axis=-1)
     total = (centred**2).sum(axis=-1)
     return between / np.where(total > 0, total, 1.0)
 
 
-def cause_of(effects: Iterable[Effect]) -> Effect | None:
-    """Return the largest effect towards what is printed; None if nothing moves the number there."""
-    moving = (one for one in effects if one.counts and one.towards and one.cause == "result")
-    return max(moving, key=lambda one: one.size, default=None)
+def _nearest_of(effects: Sequence[Effect]) -> Effect | None:
+    """The effect in which least is missing."""
+    return min(effects, key=lambda one: math.inf if math.isnan(one.missing) else one.missing, default=None)
+
+
+def _as_cause(one: Effect | None) -> Cause | None:
+    if one is None:
+        return None
+    value = f"{one.value:g}" if isinstance(one.value, float) else str(one.value)
+    numbers = {"number": one.number, "corrected": one.number - one.difference}
+    return Cause(choice=one.choice, value=value, where=one.where, verdict=one.verdict, **numbers)
+
+
+def only_moved(choices: Choices, values: Mapping[str, object], before: Mapping[str, object]) -> str:
+    """The one choice that is varied, with those that it needs; nothing if there are none or several."""
+    moved = [one for one in choices if values.get(one.name) != before.get(one.name)]
+    main = [one.name for one in moved if not any(one.name in other.only_if for other in moved)]
+    return main[0] if len(main) == 1 else ""
+
+
+def single_points(study: Study) -> dict[str, tuple[str, Value]]:
+    """The named readings that vary one choice by itself, with it and its value; trials may differ too."""
+    base, found = study.readings[CORRECTED], {}
+    for name in study.points:
+        of = study.readings[name].sources
+        values = {one.name: one.value_in(of, base.sources) for one in study.choices}
+        varied = only_moved(study.choices, values, {one.name: one.corrected for one in study.choices})
+        if not varied or values[varied] is None:
+            continue
+        applied = study.choices.applied(base.sources, {varied: values[varied]})
+        apart = {key for key, one in of.items() if one.value != applied[key].value}
+        if apart <= {*base.inputs.CASES.values()}:
+            found[name] = varied, values[varied]
+    return found
 
 
 COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper
@@ -327,16 +582,42 @@ def of_one_world(first: str | Path, second: str | Path) -> bool:
 
 
 def judge_of(
-    paper: Paper, model: type[Inputs], root: Path, size: str, choices: Mapping[str, object], path: str | Path
+    paper: Paper,
+    model: type[Inputs],
+    root: Path,
+    size: str,
+    choices: Mapping[str, object],
+    path: str | Path,
+    rows: Sequence[Claim],
 ) -> Judge:
     """Return what judges the claims of a paper by a table of universes in a file.
 
     That is the committed run instead, which has more universes, if it was computed from the same inputs and code.
-    choices: those of a user, as they are written.
+    choices: those of a user, as they are written; rows: claims, of which those of the paper count.
     """
     study = load_study(paper.slug, model, root, size, choices)
     published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
     large = root / COMMITTED / f"{paper.slug}.h5"
     is_committed = large.exists() and of_one_world(large, path)
-    table = store.load(large if is_committed else path, Universes, paper=paper.slug)
-    return Judge(table, study.choices, published, is_committed=is_committed)
+    built = store.load(path, Universes, paper=paper.slug)
+    table = store.load(large, Universes, paper=paper.slug) if is_committed else built
+    own = [row for row in rows if row.paper == paper.slug]
+    given = study.choices, published, claims_of(paper.slug).declarations, own, single_points(study)
+    return Judge(table, *given, is_committed=is_committed, computed=len(built.number))
+
+
+def committed_judge(slug: str, model: type[Inputs], root: Path) -> Judge:
+    """Return what judges a paper's committed universes, with the committed verdicts of its readings.
+
+    Raises MarsedlError if one of them is missing.
+    """
+    study, published = load_study(slug, model, root), load_published(root / "data" / "published" / f"{slug}.yaml")
+    committed, rows = committed_verdicts(root, slug), []
+    for one in published:
+        if CORRECTED in (verdicts := committed.get(one.id, {})):
+            given = {key: getattr(one, key) for key in ("paper", "id", "kind", "printed", "headline")}
+            readings = {name: Result(verdict=verdict) for name, verdict in verdicts.items()}
+            rows.append(Claim(**given, verdict=verdicts[CORRECTED], reading=CORRECTED, readings=readings))
+    table = store.load(root / COMMITTED / f"{slug}.h5", Universes, paper=slug)
+    given = study.choices, published, claims_of(slug).declarations, rows, single_points(study)
+    return Judge(table, *given, is_committed=True)

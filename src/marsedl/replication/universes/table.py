@@ -1,13 +1,14 @@
-"""The table of universes of a paper: what every claim gives in each of them.
+"""The table of universes of a paper: what every claim gives in each of them, as numbers.
 
-One artifact holds it, written by jobs that compute chunks of universes in one process. A universe without a result is
-kept with the class of its failure and a sentence; it never counts as a verdict.
+One artifact holds it, written by jobs that compute chunks of universes in one process. It says nothing of verdicts:
+these are judged from it (`judging`), so that words and tolerances may change and the numbers stay. A universe without a
+result is kept with the class of its failure and a sentence; it never counts as a verdict.
 """
 
 import contextlib
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,35 +19,34 @@ from marsedl.replication.claims.claim import MEASURED, Claim, Result
 from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
-from marsedl.replication.claims.verdicts import Evaluation, judge
+from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.readings import Reading, load_study
+from marsedl.replication.inputs.readings import Reading, Study, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.pipeline.staleness import BENCHMARKS
+from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantities, quantity, record
-from marsedl.replication.records.recipes import recipe_digest
 from marsedl.replication.sizes import FULL
 from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
 
-VERDICTS = ("none", "reproduced", "close", "differs", "holds", "fails", "undetermined", "by_construction")
-# Why there is no verdict: it has one; the claim asks for what this universe does not have; four classes of failure.
-CAUSES = ("result", "not_asked", "inadmissible", "infeasible", "refused", "numerical")
-_OF_NUMBERS = ("universe", "component")
+RESULT, NOT_ASKED = "result", "not_asked"
+# Why a claim has no number or finding: it has one; it asks for what this universe does not have; classes of failure.
+CAUSES = (RESULT, NOT_ASKED, "inadmissible", "infeasible", "refused", "numerical")
 EVALUATED = (*MEASURED, "qualitative")  # kinds of claims
 Triple = tuple[float, float, float]  # value, standard error and limit of a number
-Numbers = Mapping[str, Triple]  # by claim and component, as in tab4_p99[1]
+Numbers = Mapping[str, Triple]  # by component: "" of a single number, "[1]" of a row, "test 1" of a statement
 
 
 @record
 class Universes:
-    """What every claim of a paper gives in every universe."""
+    """What every claim of a paper gives in every universe, a row for each of its numbers."""
 
     number: np.ndarray = quantity("1", ("universe",), "number of the universe", int)
     design: np.ndarray = quantity("1", ("universe",), "place in `DESIGNS` of the design that it belongs to", "int8")
@@ -58,27 +58,31 @@ class Universes:
     tries: np.ndarray = quantity("1", ("universe",), "draws until it was admissible; 0: none were needed", int)
     sentence: np.ndarray = quantity("1", ("universe",), "why it has no result, or not of all claims", str)
     choice: np.ndarray = quantity("1", ("choice",), "names of the choices", str)
-    claim: np.ndarray = quantity("1", ("claim",), "ids of the claims", str)
-    verdict: np.ndarray = quantity("1", ("universe", "claim"), "place of the verdict in `VERDICTS`", "int8")
-    cause: np.ndarray = quantity("1", ("universe", "claim"), "place in `CAUSES` of why there is no verdict", "int8")
-    trials: np.ndarray = quantity("1", ("universe", "claim"), "number of trials behind the claim; 0: none", int)
-    component: np.ndarray = quantity("1", ("component",), "claim and component, as in tab4_p99[1]", str)
-    value: np.ndarray = quantity(
-        "1", _OF_NUMBERS, "number of the claim, or of what decides a statement, in its unit", allow_nan=True
-    )
-    error: np.ndarray = quantity("1", _OF_NUMBERS, "its standard error", allow_nan=True)
-    limit: np.ndarray = quantity(
-        "1", _OF_NUMBERS, "limit that decides a statement; what is printed of a number", allow_nan=True
+    of: np.ndarray = quantity("1", ("row",), "number of the universe of a row", int)
+    claim: np.ndarray = quantity("1", ("row",), "id of the claim", str)
+    component: np.ndarray = quantity("1", ("row",), "which of its numbers, as [1]; of a statement which test", str)
+    value: np.ndarray = quantity("1", ("row",), "the number, or what a test measures, in its unit", allow_nan=True)
+    error: np.ndarray = quantity("1", ("row",), "its standard error", allow_nan=True)
+    limit: np.ndarray = quantity("1", ("row",), "what is printed, or the limit of a test", allow_nan=True)
+    trials: np.ndarray = quantity("1", ("row",), "number of trials behind the claim; 0: none", int)
+    cause: np.ndarray = quantity("1", ("row",), "why there is no result; else `result`", str)
+    finding: np.ndarray = quantity(
+        "1", ("row",), "what the tests of a statement find, beside the one that decides; whether a number is bound", str
     )
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one claim gives in one universe."""
+    """What one claim gives in one universe: numbers by component, and what its tests find.
+
+    `finding` is "holds", "fails" or "undetermined" of a statement, "by_construction" of what cannot be otherwise in
+    this universe, else nothing; it stands in the row of the component that `decides`.
+    """
 
     cause: str
-    verdict: str = "none"
     numbers: Numbers = field(default_factory=dict)
+    finding: str = ""
+    decides: str = ""
     sentence: str = ""
     trials: int = 0
 
@@ -168,17 +172,13 @@ class Evaluator:
         return found
 
     def _outcome(self, name: str, asked: Arguments) -> Outcome:
-        printed = self.published[name]
         try:
             evaluation = self.claims.evaluate_one(name, asked)
-            result = judge(printed, evaluation, self.claims.declarations[name])
+            return outcome_of(self.published[name], evaluation)
         except Missing:
-            return Outcome("not_asked")
+            return Outcome(NOT_ASKED)
         except Exception as error:
             return class_of(error)
-        if result.verdict is None:
-            return Outcome("not_asked")
-        return Outcome("result", result.verdict, numbers_of(printed, evaluation), trials=result.trials or 0)
 
 
 class Row(NamedTuple):
@@ -201,11 +201,27 @@ def class_of(error: Exception) -> Outcome:
     return Outcome(cause, sentence=" ".join(text.split()))
 
 
+def outcome_of(claim: PublishedClaim, found: Evaluation) -> Outcome:
+    """Return what a claim gives where it is evaluated; raises InputError if its numbers are not those of the paper."""
+    if found.value is None:
+        return Outcome(NOT_ASKED)
+    bound = "by_construction" if found.by_construction and not found.failed else ""
+    if claim.kind != "qualitative":
+        if flatten(found.value).keys() != flatten(claim.printed).keys():
+            raise InputError(f"{claim.id}: {found.value!r} does not have the shape of the printed {claim.printed!r}")
+        return Outcome(RESULT, numbers_of(claim, found), bound, components_of(claim)[0][0], trials=found.trials or 0)
+    tests = {f"test {at}": one for at, one in enumerate(found.margins, start=1) if one}
+    numbers = {name: _triple(one.value, one.standard_error, one.limit) for name, one in tests.items()}
+    finding = "undetermined" if found.doubts else "holds" if found.value == claim.printed else "fails"
+    decides = next((name for name, one in tests.items() if one is found.margin), "")
+    return Outcome(RESULT, numbers, bound or finding, decides, trials=found.trials or 0)
+
+
 def numbers_of(claim: PublishedClaim | Claim, found: Evaluation | Result) -> Numbers:
-    """Return the numbers of a claim; of a statement, those of what decides."""
+    """Return the numbers of a claim by component; of a statement, those of what decides."""
     if claim.kind == "qualitative":
-        of = found.margin and (found.margin.value, found.margin.standard_error, found.margin.limit)
-        return {claim.id: tuple(math.nan if number is None else number for number in of)} if of else {}
+        one = found.margin
+        return {"": _triple(one.value, one.standard_error, one.limit)} if one else {}
     values, errors, printed = map(flatten, (found.value, found.standard_error, claim.printed))
     return {
         label: (values[at], errors.get(at) or 0.0, printed[at])
@@ -214,15 +230,19 @@ def numbers_of(claim: PublishedClaim | Claim, found: Evaluation | Result) -> Num
     }
 
 
+def _triple(*numbers: float | None) -> Triple:
+    return tuple(math.nan if number is None else number for number in numbers)
+
+
 def components_of(claim: PublishedClaim | Claim) -> list[tuple[str, tuple[int, ...], float]]:
     """Return name, index and half of the last printed digit of each number of a claim.
 
-    Indices are counted from 1 in the names; the half is 0 if no digit is printed.
+    The name of a single number is empty; else it has indices counted from 1. The half is 0 if no digit is printed.
     """
     numbers = {(): 0.0} if claim.kind == "qualitative" else flatten(claim.printed)
     digits = flatten(claim.resolution)  # one for all, or one for each
     halves = {at: 0.5 * (digits.get(at, digits.get(())) or 0.0) for at in numbers}
-    return [(claim.id + "".join(f"[{i + 1}]" for i in at), at, half) for at, half in halves.items()]
+    return [("".join(f"[{i + 1}]" for i in at), at, half) for at, half in halves.items()]
 
 
 def size_of_change(before: Triple, after: Triple, half: float) -> float:
@@ -239,7 +259,7 @@ def size_of_change(before: Triple, after: Triple, half: float) -> float:
 
 
 def tabulated(evaluator: Evaluator, universes: Sequence[Universe], title: str = "") -> Universes:
-    """Compute universes and return their table; with a title, every tenth is told on standard error."""
+    """Compute universes and return their table; with a title, every tenth and the last are told."""
     return table_of(evaluator, list(_rows(evaluator, universes, title)))
 
 
@@ -247,42 +267,23 @@ def _rows(evaluator: Evaluator, universes: Sequence[Universe], title: str) -> It
     """Compute universes one after the other."""
     for count, universe in enumerate(universes, start=1):
         yield evaluator.row(universe)
-        if title and count % 10 == 0:
+        if title and (count % 10 == 0 or count == len(universes)):
             print(f"{title}: {count} of {len(universes)} universes", file=sys.stderr)
-
-
-def chunk_of(
-    evaluator: Evaluator, universes: Sequence[Universe], chunk: int, chunks: int, title: str
-) -> tuple[Universes, dict[str, dict[str, Evaluation | None]]]:
-    """Compute one of so many chunks of universes; returns their table, and what named readings give.
-
-    A named reading is evaluated next to the universe with its values of choices, with which it shares records.
-    """
-    own, study = universes[chunk::chunks], evaluator.study  # dealt out in turn: each has as many of each design
-    beside = {name: [u for u in universes if u.assignment == study.assignment_of(name)][:1] for name in study.points}
-    others = [name for name, first in beside.items() if not first][chunk::chunks]
-    rows, found = [], {}
-    for universe, row in zip(own, _rows(evaluator, own, title), strict=True):
-        rows.append(row)
-        found |= {name: evaluator.point(name) for name, first in beside.items() if universe in first}
-    found |= {name: evaluator.point(name) for name in others}
-    return table_of(evaluator, rows), found
 
 
 def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
     """Return the table of universes that were evaluated."""
-    choices, asked = evaluator.study.choices, evaluator.asked
-    components = [(name, label) for name in asked for label, *_ in components_of(evaluator.published[name])]
-    numbers = np.full((3, len(rows), len(components)), np.nan)
-    for at, row in enumerate(rows):
-        for place, (name, label) in enumerate(components):
-            numbers[:, at, place] = row.outcomes[name].numbers.get(label, np.nan)
+    choices, columns = evaluator.study.choices, []
+    for row in rows:
+        for name, one in row.outcomes.items():
+            # Without a number that decides, what is found has a row of its own.
+            numbers = one.numbers if one.decides in one.numbers else {one.decides: _triple(*3 * [None]), **one.numbers}
+            for label, triple in numbers.items():
+                finding = one.finding if label == one.decides else ""
+                columns.append((row.universe.number, name, label, *triple, one.trials, one.cause, finding))
+    of, claim, component, value, error, limit, trials, cause, finding = zip(*columns, strict=True)
+    numbers = np.array([value, error, limit], dtype=float)
     numbers[~np.isfinite(numbers)] = np.nan
-
-    def of_claims(read: Callable[[Outcome], int], kind: type) -> np.ndarray:
-        found = [[read(row.outcomes[name]) for name in asked] for row in rows]
-        return np.array(found, dtype=kind).reshape(len(rows), len(asked))
-
     sentences = [[one.sentence for one in row.outcomes.values()] for row in rows]  # of what fails
     return Universes(
         number=np.array([row.universe.number for row in rows], dtype=np.int64),
@@ -293,42 +294,78 @@ def table_of(evaluator: Evaluator, rows: Sequence[Row]) -> Universes:
         tries=np.array([row.tries for row in rows], dtype=np.int64),
         sentence=np.array(["; ".join(dict.fromkeys(filter(None, those))) for those in sentences], dtype=str),
         choice=np.array([choice.name for choice in choices], dtype=str),
-        claim=np.array(asked, dtype=str),
-        verdict=of_claims(lambda one: VERDICTS.index(one.verdict), np.int8),
-        cause=of_claims(lambda one: CAUSES.index(one.cause), np.int8),
-        trials=of_claims(lambda one: one.trials, np.int64),
-        component=np.array([label for _, label in components], dtype=str),
+        of=np.array(of, dtype=np.int64),
+        claim=np.array(claim, dtype=str),
+        component=np.array(component, dtype=str),
         value=numbers[0],
         error=numbers[1],
         limit=numbers[2],
+        trials=np.array(trials, dtype=np.int64),
+        cause=np.array(cause, dtype=str),
+        finding=np.array(finding, dtype=str),
     )
-
-
-def world_of(made: Mapping[str, Any]) -> str:
-    """Return the digest of what universes are computed from, whichever they are; made: what their job is given.
-
-    Of the code, that is all claims and stages, and not the script that computes them.
-    """
-    same = {name: value for name, value in made.items() if name not in ("designs", "record", "points")}
-    _, _, science = made["code"].partition(" ")
-    return recipe_digest(same | {"inputs": made["inputs"][CORRECTED], "code": science})
 
 
 def selected(table: Universes, those: np.ndarray) -> Universes:
     """Return some of the universes of a table; those: a mask, or places."""
-    return replace(table, **{name: getattr(table, name)[those] for name in _along()})
+    rows = np.isin(table.of, table.number[those])
+    return replace(table, **{name: getattr(table, name)[rows if along == "row" else those] for name, along in _along()})
 
 
-def _along() -> list[str]:
-    """The fields of a table that lie along its universes; these share all others."""
-    return [name for name, one in quantities(Universes).items() if "universe" in one.dims]
+def _along() -> list[tuple[str, str]]:
+    """The fields of a table that lie along its universes or rows, with which of both; the others are shared."""
+    return [(name, one.dims[0]) for name, one in quantities(Universes).items() if one.dims[0] in ("universe", "row")]
 
 
 def gathered(chunks: Sequence[Universes]) -> Universes:
     """Return the table of all universes of several, in the order of their numbers."""
-    order = np.argsort(np.concatenate([chunk.number for chunk in chunks]), kind="stable")
-    joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks])[order] for name in _along()}
+    order = {
+        along: np.argsort(np.concatenate([getattr(chunk, key) for chunk in chunks]), kind="stable")
+        for along, key in (("universe", "number"), ("row", "of"))
+    }
+    joined = {
+        name: np.concatenate([getattr(chunk, name) for chunk in chunks])[order[along]] for name, along in _along()
+    }
     return replace(chunks[0], **joined)
+
+
+def held(path: Path, study: Study, number: int) -> Universe | None:
+    """Return a universe of the table in a file, with the choices and the random numbers that it has there, or None.
+
+    Raises InputError if the table is of other choices.
+    """
+    if not path.exists():
+        return None
+    table = store.load(path, Universes, paper=study.paper)
+    if number not in table.number:
+        return None
+    if table.choice.tolist() != [one.name for one in study.choices]:
+        raise InputError(f"{path} has other choices than this project; build it again, or give its --configfile")
+    at, default = int(np.flatnonzero(table.number == number)[0]), study.choices.default
+    values = decoded(study.choices, table.assignment[at])
+    assignment = {name: one for name, one in values.items() if one != default(study.choices.by_name[name])}
+    return Universe(number, DESIGNS[table.design[at]], assignment, int(table.seed[at]), wave=int(table.wave[at]))
+
+
+def changed(large: Universes, small: Universes) -> dict[int, str]:
+    """Return by number which universes of the smaller table have other bits in the larger one, and what differs."""
+    found, names = {}, ("claim", "component", "value", "error", "limit", "trials", "cause", "finding")
+    for number in map(int, small.number):
+        if number not in large.number:
+            found[number] = "is not among them"
+            continue
+        assigned = (one.assignment[one.number == number] for one in (large, small))
+        if not np.array_equal(*assigned, equal_nan=True):
+            found[number] = "has other choices"
+            continue
+        first, second = ([getattr(one, name)[one.of == number] for name in names] for one in (large, small))
+        for name, a, b in zip(names, first, second, strict=True):
+            if len(a) != len(b) or not np.array_equal(a, b, equal_nan=a.dtype.kind == "f"):
+                same = (a == b) | ((a != a) & (b != b)) if len(a) == len(b) else [False]
+                place = int(np.argmin(same))
+                found[number] = f"has another {name} of {second[0][place]}{second[1][place]}"
+                break
+    return found
 
 
 def coded(choices: Choices, universe: Universe) -> list[float]:

@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from marsedl.replication.records.tables import Column, table
-from marsedl.replication.universes.judging import Judge, cause_of
+from marsedl.replication.universes.judging import Judge
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -13,17 +13,16 @@ if TYPE_CHECKING:
 def claims_table(judge: Judge) -> "pd.DataFrame":
     """Return a row for each claim: its value in `corrected`, how often it is true, and what decides."""
     rows = []
-    for name in map(str, judge.table.claim):
+    for name in judge.column:
         one = judge.judged(name)
-        cause = cause_of(one.effects)
         rows.append(
             (
-                *(name, one.component, one.verdict, one.stands, ", ".join(one.on)),
+                *(name, one.component, one.verdict, one.label, ", ".join(one.alone), ", ".join(one.together)),
                 *(one.number, one.error or None, one.printed),
                 *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
                 *(one.over_results.value, one.over_results.low, one.over_results.high),
                 *(one.nearest, one.its_universe, one.noise),
-                f"{cause.choice}: {cause.value}" if cause else "",
+                f"{one.cause.choice}: {one.cause.value}" if one.cause else "",
             )
         )
     return table(
@@ -32,8 +31,9 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
             "claim": Column(),
             "component": Column(meaning="the number of it that decides"),
             "verdict": Column(meaning="in corrected, at the numbers of trials of universes"),
-            "stands": Column(meaning="robust, never, undecided, or depends on choices"),
-            "on": Column(meaning="the choices that it depends on, those that turn it by themselves first"),
+            "label": Column(meaning="robust, depends, never, undecided, too_few, or not_computed"),
+            "alone": Column(meaning="the choices that it depends on by themselves, those that turn it first"),
+            "together": Column(meaning="the choices that it depends on only in combination with others"),
             "value": Column(error="error"),
             "error": Column(meaning="standard error of the value"),
             "printed": Column(meaning="what is printed, or the limit of a statement"),
@@ -47,7 +47,9 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
             "nearest": Column(meaning="the value nearest to what is printed that any universe attains"),
             "its universe": Column(),
             "noise": Column(digits=".2f", meaning="share of the variance over universes that is sampling error"),
-            "cause": Column(meaning="the value of a choice with the largest effect towards what is printed"),
+            "cause": Column(
+                meaning="the value of a choice that makes it true, or else comes nearest to what is printed"
+            ),
         },
     )
 
@@ -55,21 +57,21 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
 def effects_table(judge: Judge) -> "pd.DataFrame":
     """Return a row for each value of each choice, by itself, and each claim that it changes."""
     rows = []
-    for name in map(str, judge.table.claim):
+    for name in judge.column:
         before = judge.verdict(name)
         for one in judge.effects(name):
             if one.counts or one.verdict != before:
                 verdict = one.verdict if one.cause == "result" else one.cause
                 size = one.size if math.isfinite(one.size) else None
                 numbers = one.number, one.difference, size
-                rows.append((name, one.choice, str(one.value), one.universe, verdict, *numbers, one.towards))
+                rows.append((name, one.choice, str(one.value), one.where, verdict, *numbers, one.towards))
     return table(
         rows,
         {
             "claim": Column(),
             "choice": Column(),
             "its value": Column(),
-            "universe": Column(),
+            "where": Column(meaning="the universe, or the reading, that has it"),
             "verdict": Column(meaning="or why there is none"),
             "number": Column(meaning="of the component that decides in corrected"),
             "difference": Column(meaning="from corrected"),

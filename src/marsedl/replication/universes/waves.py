@@ -1,30 +1,34 @@
 """Can all headlines of a paper be true at once? History matching in waves.
 
-A universe is implausible if some headline lies further from what is printed than three standard deviations of what our
-sampling, the paper's own sampling and the emulator leave open, beyond half a printed digit. Every wave fits an emulator
-of each headline to the universes computed so far, rules out what is implausible, and computes more universes in what is
-left, until nothing more is ruled out.
+A headline is missed by some distance in a universe: that of its number from what is printed, beyond half a printed
+digit, in standard deviations of what our sampling and the paper's own leave open. Every wave fits an emulator of each
+headline to the universes computed so far. It is fitted to the inverse hyperbolic sine of that distance, which is
+bounded, and its error is that of nineteen in twenty universes left out: one whose number diverges must not decide for
+all. A wave rules out where even three errors of the emulator leave the distance above three deviations, and computes
+more universes in what is left, until nothing more is ruled out.
 """
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from marsedl.replication.claims.claim import REFUTED_VERDICTS
-from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.thresholds import SIGMAS
-from marsedl.replication.inputs.choices import Choice, Choices
+from marsedl.replication.inputs.choices import Choice
 from marsedl.replication.universes import designs
-from marsedl.replication.universes.designs import AGAIN, WAVE, Universe, combined_values, interval_of
-from marsedl.replication.universes.table import VERDICTS, Universes, components_of, decoded, gathered, selected
+from marsedl.replication.universes.designs import AGAIN, FIRST_OF_WAVES, WAVE, Universe, combined_values, interval_of
+from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.table import Universes, decoded, gathered, selected
 
 CANDIDATES = 8192
 MOST = 4  # waves
 FEWEST = 4  # universes that an emulator rests on
-FIRST_OF_WAVES = 100_000  # number of the first universe of a wave
+MOST_POINTS, TWO_SIDED = 0.95, 1.96  # share of the points, and its quantile of a normal distribution
+FAR = 100.0  # deviations; further is as far
+REFINEMENTS = 4  # of a range, each of which halves an interval
 RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with the smallest error of what is left out
 
 
@@ -34,64 +38,67 @@ class Wave:
 
     `volume` is the share of the candidates that is left. `shares` are those of the values of each choice among what is
     left (a range in four equal parts); `contradicting` are the fewest headlines that no candidate fulfils together, if
-    none is left.
+    none is left. `standing` is the mean number of headlines that stand in its own universes, NaN of none.
     """
 
     volume: float
     shares: dict[str, list[float]]
     contradicting: tuple[str, ...]
+    standing: float
 
 
 class Matching:
-    """History matching of a paper's headlines."""
+    """History matching of a paper's headlines, as they are judged."""
 
-    def __init__(self, choices: Choices, published: Iterable[PublishedClaim]):
-        """Take the choices, of which misprints are not varied, and what the paper prints."""
-        self.choices = choices
-        self.varied = designs.varied(choices)
-        self.headlines = sorted((one for one in published if one.headline), key=lambda one: one.headline)
-        self._statements = [one.id for one in self.headlines if one.kind == "qualitative"]
+    def __init__(self, judge: Judge):
+        """Take what judges the universes; misprints are not varied."""
+        self.judge, self.choices = judge, judge.choices
+        self.varied = designs.varied(judge.choices)
+        headlines = (one for one in judge.published.values() if one.headline)
+        self.headlines = sorted(headlines, key=lambda one: one.headline)
 
-    def measured(self, table: Universes) -> dict[str, np.ndarray]:
-        """Return how far each headline is from being true in each universe, with its standard deviation.
+    def measured(self, judge: Judge) -> dict[str, np.ndarray]:
+        """Return by how much each headline is missed in each universe, in deviations (universe,), by component.
 
-        It is an array (2, universe) by component: what is missing, 0 if it is true, beyond half a printed digit; NaN
-        without a result.
+        Positive where a number is too large or a statement fails; NaN without a result. A statement without sampling
+        error is measured in the median of its distances, and fulfilled below 0; numbers are within three deviations.
         """
-        found, claims, components = {}, table.claim.tolist(), table.component.tolist()
-        for claim in (one for one in self.headlines if one.id in claims):
-            place = claims.index(claim.id)
-            verdicts = np.array(VERDICTS)[table.verdict[:, place]]
-            for label, _, half in components_of(claim):
-                at = components.index(label)
-                distance = table.value[:, at] - table.limit[:, at]
-                deviation = np.nan_to_num(table.error[:, at])
-                if claim.kind == "qualitative":  # positive where the statement fails
-                    distance = np.where(np.isin(verdicts, REFUTED_VERDICTS), 1.0, -1.0) * np.abs(distance)
-                    distance = np.where(verdicts == "none", np.nan, distance)
+        found = {}
+        for claim in (one for one in self.headlines if one.id in judge.column):
+            at, is_statement = judge.column[claim.id], judge.is_statement(claim.id)
+            for place in [judge.component_place(claim.id)] if is_statement else judge.places(claim.id):
+                value, error, limit = judge.numbers[:, :, place]
+                distance, deviation = value - limit, np.nan_to_num(error)
+                if is_statement:
+                    fails = np.isin(judge.verdicts[:, at], REFUTED_VERDICTS)
+                    distance = np.where(judge.has_result[:, at], np.where(fails, 1.0, -1.0) * np.abs(distance), np.nan)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
-                    deviation = deviation * np.sqrt(1.0 + table.trials[:, place] / claim.trials)
-                found[label] = np.array([distance, np.hypot(deviation, half / SIGMAS)])
-        return {label: one for label, one in found.items() if np.isfinite(one[0]).any()}
+                    deviation = deviation * np.sqrt(1.0 + judge.trials[:, at] / claim.trials)
+                if not np.isfinite(distance).any():
+                    continue
+                scale = np.median(np.hypot(deviation, judge.half(place) / SIGMAS)[np.isfinite(distance)])
+                usual = np.nanmedian(np.abs(distance))
+                label = claim.id if is_statement else claim.id + judge.component[place][1]
+                found[label] = distance / (scale or usual or 1.0)
+        return found
 
-    def wave(self, table: Universes, number: int) -> tuple[Wave, np.ndarray]:
-        """Return what the universes of a table rule out, and the candidates that are left, as points (count, varied).
+    def wave(self, judge: Judge, number: int) -> tuple[Wave, np.ndarray]:
+        """Return what judged universes rule out, and the candidates that are left, as points (count, varied).
 
         number: of the wave, which has candidates of its own.
         """
         candidates = designs.sobol(len(self.varied), CANDIDATES, designs.SEED + 1 + number)
-        points = self._points(table)
+        points = self._points(judge.table)
         among = np.isfinite(points).all(axis=1)
         features = _features(self.varied, np.nan_to_num(points))
         wanted = _features(self.varied, candidates)
         distances = {}
-        for label, (missing, deviation) in self.measured(table).items():
-            use = among & np.isfinite(missing)
+        for label, missed in self.measured(judge).items():
+            use = among & np.isfinite(missed)
             if use.sum() < FEWEST:
                 continue
-            mean, error = emulated(features[use], missing[use], wanted)
-            spread = np.hypot(error, np.median(deviation[use]))
-            distances[label] = _standardized(mean, spread, one_sided=label in self._statements)
+            mean, error = emulated(features[use], np.arcsinh(np.clip(missed[use], -FAR, FAR)), wanted)
+            distances[label] = self._excess(label, mean) / max(error, 1e-12)
         worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
         shares = {}
@@ -99,31 +106,42 @@ class Matching:
             parts = 4 if one.range else len(combined_values(one))
             counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
             shares[one.name] = (counts / max(len(left), 1)).tolist()
-        return Wave(len(left) / CANDIDATES, shares, () if len(left) else self._contradicting(distances)), left
+        own = (judge.table.wave == number) & (judge.table.seed == 0) & (judge.table.design != 0)
+        places = [judge.column[one.id] for one in self.headlines if one.id in judge.column]
+        standing = float(judge.stands[own][:, places].sum(axis=1).mean()) if own.any() else math.nan
+        contradicting = () if len(left) else self._contradicting(distances)
+        return Wave(len(left) / CANDIDATES, shares, contradicting, standing), left
 
-    def waves(self, table: Universes) -> list[Wave]:
-        """Return what each wave ruled out by which universes of a table were computed."""
-        table = selected(table, table.seed == 0)
-        return [self.wave(selected(table, table.wave <= k), k)[0] for k in range(1 + int(table.wave.max()))]
+    def _excess(self, label: str, mean: np.ndarray) -> np.ndarray:
+        """By how much a headline is missed beyond what is allowed, both as inverse hyperbolic sines."""
+        is_statement = self.judge.is_statement(label.partition("[")[0])
+        return np.maximum(mean if is_statement else np.abs(mean) - math.asinh(SIGMAS), 0.0)
 
-    def extended(self, table: Universes, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
-        """Return a table with the universes of waves, and the best of all again with other random numbers.
+    def waves(self) -> list[Wave]:
+        """Return what each wave ruled out by which the judged universes were computed."""
+        table = selected(self.judge.table, self.judge.table.seed == 0)
+        numbers = range(1 + int(table.wave.max()))
+        return [self.wave(self.judge.over(selected(table, table.wave <= k)), k)[0] for k in numbers]
 
-        table: universes that fill the space. count: universes of a wave.
+    def extended(self, compute: Callable[[list[Universe]], Universes], count: int) -> Universes:
+        """Return the judged table with the universes of waves, and the best of all again with other random numbers.
+
+        count: universes of a wave.
         """
-        before = math.inf
+        table, before = self.judge.table, math.inf
         for number in range(1, MOST + 1):
-            wave, left = self.wave(selected(table, table.seed == 0), number - 1)
+            wave, left = self.wave(self.judge.over(selected(table, table.seed == 0)), number - 1)
             if not len(left) or wave.volume > 0.9 * before:
                 break
             before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
             assignments = [designs.assignment_at(self.choices, self.varied, point) for point in left[:count]]
             universes = [Universe(first + k, WAVE, one, wave=number) for k, one in enumerate(assignments)]
             table = gathered([table, compute(universes)])
-        rows = [_standardized(*one, one_sided=name in self._statements) for name, one in self.measured(table).items()]
-        if not rows:
+        missed = self.measured(self.judge.over(table))
+        if not missed:
             return table
-        worst = np.where(table.seed == 0, np.max(rows, axis=0), np.nan)  # NaN without all results
+        worst = np.max([self._excess(label, np.arcsinh(one)) for label, one in missed.items()], axis=0)
+        worst = np.where(table.seed == 0, worst, np.nan)  # NaN without all results
         if not np.isfinite(worst).any():
             return table
         at = int(np.nanargmin(worst))
@@ -144,7 +162,8 @@ class Matching:
                     points[at, k] = (names.index(value) + 0.5) / len(names)
         return points
 
-    def _contradicting(self, distances: dict[str, np.ndarray]) -> tuple[str, ...]:
+    @staticmethod
+    def _contradicting(distances: dict[str, np.ndarray]) -> tuple[str, ...]:
         """The fewest headlines, one or two, that no candidate fulfils together; else all."""
         allowed = {label: distance < SIGMAS for label, distance in distances.items()}
         pairs = (pair for pair in itertools.product(allowed, repeat=2) if pair[0] < pair[1])
@@ -154,14 +173,62 @@ class Matching:
         return tuple(allowed)
 
 
+def refined(judge: Judge, compute: Callable[[list[Universe]], Universes]) -> Universes:
+    """Return the judged table with more points of ranges: where a refuted headline passes what is printed.
+
+    Between two neighbours on both sides of what is printed, neither of which makes the claim true, and between one that
+    comes nearer and one without a result, the middle is computed, several times over.
+    """
+    table = judge.table
+    for _ in range(REFINEMENTS):
+        judge = judge.over(table)
+        wanted = {
+            (choice.name, choice.range.at(share)): choice
+            for claim in judge.published.values()
+            if claim.headline and claim.id in judge.column and judge.verdict(claim.id) in REFUTED_VERDICTS
+            for choice in judge.choices
+            if choice.range
+            for share in _between(judge, claim.id, choice)
+        }
+        if not wanted:
+            break
+        used = table.number[(table.number >= designs.FIRST_REFINED) & (table.number < designs.FIRST)]
+        first = int(used.max(initial=designs.FIRST_REFINED - 1)) + 1
+        universes = [
+            Universe(first + k, designs.ONE_AT_A_TIME, designs.by_itself(judge.choices, choice, value))
+            for k, ((_, value), choice) in enumerate(wanted.items())
+        ]
+        table = gathered([table, compute(universes)])
+    return table
+
+
+def _between(judge: Judge, claim: str, choice: Choice) -> list[float]:
+    """The shares of a choice's range at which a universe is wanted for a claim, see `refined`."""
+    effects = [one for one in judge.effects(claim) if one.choice == choice.name]
+    if not effects or any(one.is_true for one in effects):
+        return []
+    before, _, limit = judge.numbers[:, judge.base, judge.component_place(claim)].tolist()
+    points = {choice.range.share(float(one.value)): one.number - limit for one in effects}
+    if choice.corrected is not None:
+        points[choice.range.share(float(choice.corrected))] = before - limit
+    found, shares = [], sorted(points)
+    for low, high in itertools.pairwise(shares):
+        sides = points[low], points[high]
+        lost = [math.isnan(one) for one in sides]
+        nearer = any(abs(one) < abs(before - limit) for one in sides)
+        if sides[0] * sides[1] < 0.0 or (sum(lost) == 1 and nearer):
+            found.append(0.5 * (low + high))
+    return found
+
+
 def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, float]:
     """Return what a ridge regression predicts, and the standard deviation of what it misses when a point is left out.
+
+    That deviation is of the normal distribution whose misses are as large in nineteen of twenty points.
 
     features: of the points with values (count, n); values: at these points (count,); wanted: features of the points to
     predict (m, n).
     """
-    unit = 2.0 ** (math.frexp(np.abs(values).max())[1] - 1)  # squares of a number that diverges would be infinite
-    values = values / unit
     mean, scale = values.mean(), values.std() or 1.0
     u, s, vt = np.linalg.svd(features, full_matrices=False)
     scaled = (values - mean) / scale
@@ -170,10 +237,11 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         shrunk = s * s / (s * s + ridge)
         fitted = u @ (shrunk * (u.T @ scaled))
         leverage = np.einsum("ij,j,ij->i", u, shrunk, u)
-        left_out = float(np.sqrt(np.mean(((scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)) ** 2)))
+        missed = np.abs(scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)  # of each point, when it is left out
+        left_out = float(np.quantile(missed, MOST_POINTS)) / TWO_SIDED
         if left_out < best[0]:
             best = left_out, vt.T @ ((s / (s * s + ridge)) * (u.T @ scaled))
-    return unit * (mean + scale * (wanted @ best[1])), unit * scale * best[0]
+    return mean + scale * (wanted @ best[1]), scale * best[0]
 
 
 def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
@@ -188,10 +256,3 @@ def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
             blocks.append([(interval_of(points[:, k], count) == value) - 1.0 / count for value in range(count)])
     products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
     return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
-
-
-def _standardized(distance, deviation, *, one_sided: bool) -> np.ndarray:
-    """Distances in standard deviations; a statement that holds has none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.where(distance == 0.0, 0.0, np.abs(distance) / deviation)
-    return np.where(distance <= 0.0, 0.0, size) if one_sided else size

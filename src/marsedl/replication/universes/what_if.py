@@ -1,24 +1,71 @@
-"""What moves if a choice, or an input, is another: `corrected` and one other universe, in memory."""
+"""What moves if a choice, or an input, is another: two universes in memory, and universes by their numbers."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 
+from marsedl.replication.claims.claim import BY_CONSTRUCTION, Claim, Result
+from marsedl.replication.claims.numbers import flatten
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError, nearest, shown
-from marsedl.replication.inputs.choices import Choices
-from marsedl.replication.pipeline.catalogue import entry_of, function_of
-from marsedl.replication.pipeline.runner import Run
-from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe
-from marsedl.replication.universes.table import Evaluator, Numbers, components_of, size_of_change
+from marsedl.replication.inputs import CORRECTED, PRINTED
+from marsedl.replication.inputs.choices import Choices, source_of_key
+from marsedl.replication.inputs.messages import Place
+from marsedl.replication.inputs.readings import Study
+from marsedl.replication.pipeline.catalogue import Paper, entry_of, function_of
+from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, numbered
+from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.table import (
+    RESULT,
+    Evaluator,
+    Row,
+    components_of,
+    held,
+    numbers_of,
+    size_of_change,
+    table_of,
+)
+
+_IN_TEXT = re.compile(r"-?\d[\d.e+-]*")  # a number in the words of a test
+
+
+class Number(NamedTuple):
+    """A number of a claim; `verdict` is its own, of a statement that on the claim, `test` which test it is of."""
+
+    value: float
+    error: float
+    limit: float
+    verdict: str
+    test: str = ""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of two that are compared: inputs or choices as they are written, and what the claims give.
+
+    `verdicts` are by claim, `numbers` by claim and component, `failures` sentences by claims without a result.
+    """
+
+    name: str
+    inputs: Mapping[str, str]
+    verdicts: Mapping[str, str]
+    numbers: Mapping[tuple[str, str], Number]
+    figures: Path | None = None
+    failures: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A number of a claim in `corrected` and in another universe; `size` is as `size_of_change` gives it."""
+    """A number of a claim on two sides, with the number's own verdicts; `size` is as `size_of_change` gives it.
+
+    `same_test` is false if two different tests of a statement decide: then no difference of the numbers means anything.
+    """
 
     claim: str
     component: str
@@ -28,6 +75,9 @@ class Moved:
     verdict_before: str
     verdict_after: str
     size: float
+    limit_before: float = math.nan
+    limit_after: float = math.nan
+    same_test: bool = True
     sentence: str = ""
 
     @property
@@ -37,8 +87,8 @@ class Moved:
 
     @property
     def sigmas(self) -> float:
-        """How many standard errors the two numbers are apart; NaN without any."""
-        return abs(self.after - self.before) / self.error if self.error > 0.0 else math.nan
+        """How many standard errors the two numbers are apart; NaN without any, or if they are of two tests."""
+        return abs(self.after - self.before) / self.error if self.same_test and self.error > 0.0 else math.nan
 
     @property
     def counts(self) -> bool:
@@ -46,13 +96,52 @@ class Moved:
         return self.turned or self.size > 1.0
 
 
-def moves_of(claim: PublishedClaim, before: Numbers, after: Numbers, *verdicts: str) -> Iterator[Moved]:
-    """Yield all numbers of a claim, by component before and after, with both verdicts on the claim."""
-    nothing = (math.nan, 0.0, math.nan)
+def numbers_of_reading(row: Claim, result: Result) -> dict[tuple[str, str], Number]:
+    """Return the numbers of a claim in a reading, by claim and component."""
+    places = {label: at for label, at, _ in components_of(row)}
+    own = flatten(result.components) if result.components is not None else {}
+    test = _IN_TEXT.sub("#", result.margin.measure) if row.is_statement and result.margin else ""
+    return {
+        (row.id, label): Number(*triple, own.get(places[label]) or result.verdict, test)
+        for label, triple in numbers_of(row, result).items()
+    }
+
+
+def side_of_universe(judge: Judge, number: int, name: str, inputs: Mapping[str, str]) -> Side:
+    """Return a universe of a table as a side; of each statement the test that decides it there."""
+    at, numbers = int(np.flatnonzero(judge.table.number == number)[0]), {}
+    verdicts = {claim: str(judge.verdicts[at, column]) for claim, column in judge.column.items()}
+    for place, (claim, label) in enumerate(judge.component):
+        triple, verdict, is_statement = judge.numbers[:, at, place].tolist(), verdicts[claim], judge.is_statement(claim)
+        is_told = not is_statement or place == judge.tests[at, judge.column[claim]]  # of several tests, what decides
+        if not is_told or not math.isfinite(triple[0]):
+            continue
+        own = verdict if is_statement or verdict == BY_CONSTRUCTION else str(judge.of_numbers[at, place])
+        key = (claim, "") if is_statement else (claim, label)
+        numbers[key] = Number(*triple, own, label if is_statement else "")
+    return Side(name, inputs, verdicts, numbers)
+
+
+def moves_of(claim: PublishedClaim, before: Side, after: Side) -> Iterator[Moved]:
+    """Yield all numbers of a claim that both sides judge, by component."""
     for label, _, half in components_of(claim):
-        old, new = before.get(label, nothing), after.get(label, nothing)
-        error, size = math.hypot(old[1], new[1]), size_of_change(old, new, half)
-        yield Moved(claim.id, label, old[0], new[0], error, *verdicts, size)
+        old, new = (
+            side.numbers.get((claim.id, label), Number(math.nan, 0.0, math.nan, side.verdicts[claim.id]))
+            for side in (before, after)
+        )
+        same = _of_one_test(old, new)
+        yield Moved(
+            *(claim.id, claim.id + label, old.value, new.value, math.hypot(*np.nan_to_num([old.error, new.error]))),
+            *(old.verdict, new.verdict, size_of_change(old[:3], new[:3], half) if same else math.nan),
+            *(old.limit, new.limit, same),
+        )
+
+
+def _of_one_test(old: Number, new: Number) -> bool:
+    """Whether two numbers are of one test; a table numbers tests, a reading has their words, so limits tell."""
+    if old.test.startswith("test ") == new.test.startswith("test ") or "" in (old.test, new.test):
+        return "" in (old.test, new.test) or old.test == new.test
+    return math.isclose(old.limit, new.limit, rel_tol=1e-6)
 
 
 def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object], dict[str, object]]:
@@ -72,34 +161,94 @@ def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object
     return choices.checked(assignment), inputs
 
 
-def what_if(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> list[Moved]:
-    """Return the numbers that move, those whose verdict changes first, then the largest.
+class WhatIf:
+    """A reading, and the same with other values of choices and inputs."""
 
-    inputs: further ones by "section.key", as they are written in a configuration. Raises InputError for an unknown
-    choice, value or input, and for inputs that do not fit together.
-    """
-    (before, after), moved = map(evaluator.outcomes, _runs(evaluator, assignment, inputs)), []
-    for name, old in before.items():
-        moved += moves_of(evaluator.published[name], old.numbers, after[name].numbers, old.verdict, after[name].verdict)
-    counting = [replace(one, sentence=after[one.claim].sentence) for one in moved if one.counts]
-    return sorted(counting, key=lambda one: (not one.turned, -np.nan_to_num(one.size)))
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        assignment: Mapping[str, object],
+        inputs: Mapping[str, object],
+        name: str = CORRECTED,
+    ):
+        """Take what is set; nothing is computed yet.
+
+        inputs: by "section.key", as they are written in a configuration; name: of the reading
+
+        Raises InputError for an unknown reading, choice, value or input, and for inputs that do not fit together.
+        """
+        self.evaluator, study = evaluator, evaluator.study
+        base = study.reading(name)
+        if name != CORRECTED:  # whose values of choices are then those that an assignment leaves out
+            choices = study.choices.placed(study.readings[PRINTED].sources, base.sources, Place("choices"))
+            choices = replace(choices, base=study.choices.base)
+            study = replace(study, choices=choices, readings={**study.readings, CORRECTED: base})
+            evaluator.study = study
+        old = {key: study.choices.default(study.choices.by_name[key]) for key in assignment}
+        old |= {key: base.sources[source_of_key(type(base.inputs), key, new)[0]].written for key, new in inputs.items()}
+        self.set = {key: (str(old[key]), str(value)) for key, value in {**assignment, **inputs}.items()}
+        self.names = name, ", ".join(f"{key} = {value}" for key, (_, value) in self.set.items())
+        # What is asked for is computed though it may contradict what is printed: no choice is drawn again.
+        self.universes = Universe(0, ONE_AT_A_TIME, {}), Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
+        self.runs = [evaluator.run(one, constrained=False) for one in self.universes]
+        self.trials = study.universe(assignment, inputs).trial_counts()
+
+    def sides(self) -> tuple[Side, Side]:
+        """Compute both, and return what their claims give."""
+        pairs = zip(self.universes, self.runs, strict=True)
+        rows = [Row(one, self.evaluator.outcomes(run)) for one, run in pairs]
+        inputs = [{key: pair[at] for key, pair in self.set.items()} for at in range(2)]
+        before, after = _sides(self.evaluator, rows, self.names, inputs)
+        return before, after
+
+    def drawn(self, stem: str) -> dict:
+        """Return a figure of both by title; raises InputError for an unknown one."""
+        function, published = function_of(figure_entry(self.evaluator.paper, stem)), self.evaluator.published
+        return {
+            name: run.given().call(function, published=published)
+            for name, run in zip(self.names, self.runs, strict=True)
+        }
 
 
-def _runs(evaluator: Evaluator, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> tuple[Run, Run]:
-    """The runs of `corrected` and of what is asked for.
+def _sides(evaluator: Evaluator, rows: Sequence[Row], names: Sequence[str], inputs: Sequence[Mapping]) -> list[Side]:
+    """Universes that were computed, the first of them `corrected`, as sides."""
+    published = [*evaluator.published.values()]
+    judge = Judge(table_of(evaluator, rows), evaluator.study.choices, published, evaluator.claims.declarations)
+    return [
+        replace(
+            side_of_universe(judge, row.universe.number, name, written),
+            failures={claim: one.sentence for claim, one in row.outcomes.items() if one.cause != RESULT},
+        )
+        for row, name, written in zip(rows, names, inputs, strict=False)
+    ]
 
-    That is computed though it may contradict what is printed: no choice is drawn again.
-    """
-    corrected, changed = Universe(0, ONE_AT_A_TIME, {}), Universe(1, ONE_AT_A_TIME, dict(assignment), inputs=inputs)
-    return evaluator.run(corrected, constrained=False), evaluator.run(changed, constrained=False)
 
-
-def drawn(evaluator: Evaluator, stem: str, assignment: Mapping[str, object], inputs: Mapping[str, object]) -> dict:
-    """Return a figure of `corrected` and one of the other universe, by title; raises InputError for an unknown one."""
-    paper = evaluator.paper
+def figure_entry(paper: Paper, stem: str) -> str:
+    """Return the function of a figure, by its name; raises InputError for an unknown figure."""
     if stem not in paper.figures:
         raise InputError(f"{paper.slug} has no figure {shown(stem)}; {nearest(stem, paper.figures)}")
-    function = function_of(entry_of(paper.slug, "figures", stem))
-    titles = "corrected", ", ".join(f"{name} = {value}" for name, value in {**assignment, **inputs}.items())
-    runs = _runs(evaluator, assignment, inputs)
-    return {t: run.given().call(function, published=evaluator.published) for t, run in zip(titles, runs, strict=True)}
+    return entry_of(paper.slug, "figures", stem)
+
+
+def found(study: Study, number: int, tables: Sequence[Path]) -> tuple[Universe, Path | None]:
+    """Return a universe by its number, and the first of some tables that holds it; None if a design alone has it.
+
+    Raises InputError for a number that no table and no design has.
+    """
+    for path in tables:
+        if one := held(path, study, number):
+            return one, path
+    return numbered(study.choices, number, *study.designs[1:]), None
+
+
+def judged(evaluator: Evaluator, universe: Universe) -> tuple[Row, Side]:
+    """Compute a universe, and return it with what its claims give.
+
+    `corrected` is computed too, as its sampling error tells the paper's own.
+    """
+    universes = {0: Universe(0, ONE_AT_A_TIME, {}), universe.number: universe}
+    rows = [evaluator.row(one) for one in universes.values()]
+    values = evaluator.study.choices.complete(rows[-1].universe.assignment)
+    return rows[-1], _sides(evaluator, rows, ("corrected", f"universe {universe.number}")[: len(rows)], [{}, values])[
+        -1
+    ]
