@@ -61,7 +61,7 @@ def test_a_sample_stands_beside_its_prediction_with_the_sampling_band():
     lower, upper = variance_sampling_band(1.0, 1000)
     reach = filled.get_paths()[0].get_extents()
     assert (reach.y0, reach.y1) == pytest.approx((100 * (lower - 1), 100 * (upper - 1)))
-    assert below.get_ylabel() == "sampled against\npredicted (%)"
+    assert below.get_ylabel() == "deviation of sampled\nfrom predicted (%)"
 
 
 def test_the_histogram_of_a_distribution_counts_lost_samples_and_those_outside():

@@ -1,5 +1,6 @@
 """The picture of headline claims, and what a paper's texts say of each."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,10 +48,30 @@ def test_every_headline_claim_is_in_the_picture_at_its_numbers():
     assert texts == [
         *("both ends", "differs: printed -2 to 3 m, ours -1 to 4 m"),
         *("mass is so", "differs: printed 5 m, ours 4 m"),
-        *("small is so", "holds: 0.500 ± 0.020, limit 1 kg", "measure: it"),
+        *("small is so", "holds: 0.500 ± 0.020; at most 1 kg", "measure: it"),
     ]
     assert [ax.get_title("left")[:4] for ax in (ends, single, statement)] == ["(a) ", "(b) ", "(c) "]
     assert min(text.get_fontsize() for ax in (ends, single, statement) for text in ax.texts) >= 8
+
+
+def test_texts_are_as_narrow_as_a_phone_and_none_is_cut_off():
+    long = claim("mass", True, True, headline=1, margin=margin(0.5, 1.0) | {"measure": " ".join(["word"] * 40)})
+    figure = headline_picture([long.model_copy(update={"plain": "The mass of all of the vehicles " * 4})], {})
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert figure.get_size_inches()[0] * 80 <= 358, "pixels that a phone has"
+    assert " ".join(text.get_text() for text in ax.texts).count("word") == 40
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert max(box.x1 for box in boxes) <= figure.bbox.x1
+    assert all(above.y0 >= below.y0 for above, below in itertools.pairwise(boxes))
+
+
+@pytest.mark.parametrize("ratio", [1e-7, 3e6])
+def test_a_number_far_from_its_limit_does_not_stretch_the_axis(ratio):
+    rows = [claim("small", True, True, headline=1, margin=margin(ratio, 1.0) | {"standard_error": 0.0})]
+    (ax,) = headline_picture(rows, {}).axes
+    assert ax.get_xlim() == (0.05, 20.0)
+    assert ax.containers[1].lines[0].get_marker() == ("<" if ratio < 1.0 else ">")
 
 
 def test_numbers_of_several_units_are_drawn_over_what_is_printed():

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from marsedl.plotting.fields import Field, field
-from marsedl.plotting.style import BLACK, BLUE, GREY, PURPLE
+from marsedl.plotting.style import BLACK, BLUE, GREY, PRINTED, PURPLE
 
 TRIAL = {"color": BLUE, "linewidth": 0.4, "alpha": 0.6}
 OPAQUE = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85}  # behind text
@@ -29,9 +29,16 @@ SHADE = 0.22  # opacity of a band
 OF_FIELD = ("unit", "name", "at", "x", "pieces")  # arguments of `field`; all others are matplotlib's
 _UNITS: WeakKeyDictionary = WeakKeyDictionary()  # by axis: the unit of the values that are drawn along it
 
-# What the paper prints is purple wherever it is drawn.
-PRINTED_LINE = {"color": PURPLE, "linewidth": 1.3, "linestyle": "-."}
-PRINTED_CROSS = {"color": PURPLE, "marker": "x", "markersize": 7, "markeredgewidth": 2, "linestyle": "none"}
+# What the paper prints is purple wherever it is drawn, and `save_figure` finds it by its group.
+PRINTED_LINE = {"gid": PRINTED, "color": PURPLE, "linewidth": 1.3, "linestyle": "-."}
+PRINTED_CROSS = {
+    "gid": PRINTED,
+    "color": PURPLE,
+    "marker": "x",
+    "markersize": 7,
+    "markeredgewidth": 2,
+    "linestyle": "none",
+}
 
 
 def plot(axes: Axes, source: Any, path: str = "", *, label: str | None = None, **how: Any) -> list[Line2D]:

@@ -62,7 +62,7 @@ def predicted_against_sampled(
     Raises ValueError if the variances are in different units.
     """
     expected = predicted.at(sampled)
-    share = sampled.of(100.0 * (sampled.values / expected.values - 1.0), "sampled against\npredicted", "%")
+    share = sampled.of(100.0 * (sampled.values / expected.values - 1.0), "deviation of sampled\nfrom predicted", "%")
     dots = {"linestyle": "none", "marker": ".", "markersize": 3, "color": BLACK}
     lower, upper = (predicted.of(bound) for bound in variance_sampling_band(predicted.values, count, SAMPLING_LEVEL))
     bounds(

@@ -1,5 +1,6 @@
 """One look for all figures, and files that are the same bytes whenever they are drawn from the same numbers."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from string import ascii_lowercase
@@ -21,6 +22,8 @@ BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, GREY, BLACK = (
     "#8A8A8A",
     "#000000",
 )
+
+PRINTED = "printed"  # the group of lines and crosses that mark what a paper prints; the key of their places in a PNG
 
 _SETTINGS = {
     "figure.dpi": 100,
@@ -55,7 +58,10 @@ def new_figure(width: float = 6.4, height: float = 4.0, *, mosaic: Any = None, *
 
 
 def save_figure(figure: Figure, *paths: str | Path) -> None:
-    """Write a figure as PNG or PDF, by the paths' endings, without dates; several panels get letters."""
+    """Write a figure as PNG or PDF, by the paths' endings, without dates; several panels get letters.
+
+    A PNG holds as the text `PRINTED` where the paper's numbers are marked, as `printed_places` returns them.
+    """
     from matplotlib.backends import backend_agg, backend_pdf
 
     _letter_panels(figure)
@@ -63,12 +69,31 @@ def save_figure(figure: Figure, *paths: str | Path) -> None:
     figure.set_dpi(mpl.rcParams["savefig.dpi"])
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
+    places = printed_places(figure)
+    texts = {"Software": None} | ({PRINTED: json.dumps(places)} if places else {})
     for path in map(Path, paths):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".pdf":
             backend_pdf.FigureCanvasPdf(figure).print_pdf(path, metadata={"CreationDate": None})
         else:
-            backend_agg.FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+            backend_agg.FigureCanvasAgg(figure).print_png(path, metadata=texts)
+
+
+def printed_places(figure: Figure) -> list[tuple[float, float]]:
+    """Return each number that marks what a paper prints, with the span of its axis.
+
+    A logarithmic axis is as long as a linear one on which a small change of the number moves it as far.
+    """
+    found = []
+    for line in figure.findobj(lambda artist: artist.get_gid() == PRINTED):
+        # A line across the axes has one coordinate in units of the data, a cross has two.
+        of_data = line.get_transform().contains_branch_seperately(line.axes.transData)
+        for axis, values, is_data in zip((line.axes.xaxis, line.axes.yaxis), line.get_data(), of_data, strict=True):
+            ends = axis.get_view_interval()
+            for value in np.unique(values) if is_data else ():
+                span = value * np.log(ends[1] / ends[0]) if axis.get_scale() == "log" else ends[1] - ends[0]
+                found.append((float(f"{value:.9g}"), float(f"{abs(span):.6g}")))
+    return found
 
 
 def _letter_panels(figure: Figure) -> None:

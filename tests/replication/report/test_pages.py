@@ -5,6 +5,7 @@ import json
 import re
 import zipfile
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,26 +16,38 @@ from PIL import Image
 
 import marsedl.replication.report.pages
 from marsedl.plotting import style
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNEXPLAINED, Claim, Result, Standing, Tolerance
+from marsedl.replication.claims.claim import (
+    COUNTED_VERDICTS,
+    UNEXPLAINED,
+    Cause,
+    Claim,
+    Margin,
+    Result,
+    Standing,
+    Tolerance,
+)
+from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError
-from marsedl.replication.inputs.choices import Choice, Choices
+from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 from marsedl.replication.report.assembly import PaperReport
 from marsedl.replication.report.closeups import CloseUp
 from marsedl.replication.report.deciding import Deciding
 from marsedl.replication.report.files import site_files
+from marsedl.replication.report.one_line import odd_one_out
 from marsedl.replication.report.pages import _templates, build_site
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.judging import Effect, cause_of
+from marsedl.replication.universes.judging import Effect
 
 PUBLISHED = Path(__file__).parents[3] / "data" / "published" / "powered_descent.yaml"
 SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
 TEMPLATES = Path(marsedl.replication.report.pages.__file__).parent / "templates"
 CLOSE = {"close": {"reason": "", "relative": 0.02, "absolute": None}}
-STILL = Standing(stands="never", true=0, of=64, low=0.0, high=0.06)
-MOVED = STILL.model_copy(update={"cause": ("noise_unit", "newton")})
+STILL = Standing(label="never", true=0, undetermined=0, deciding=64, of=64, low=0.0, high=0.06)
+NEWTON = {"choice": "noise_unit", "value": "newton", "where": "universe 3", "verdict": "fails", "number": 4.0}
+MOVED = STILL.model_copy(update={"cause": Cause(**NEWTON, corrected=5.0)})
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
 
@@ -344,8 +357,8 @@ def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
 @pytest.mark.parametrize(
     ("verdict", "more", "line"),
     [
-        ("differs", {"universes": MOVED}, "Noise unit: newton moves it most towards its limit"),
-        ("fails", {"universes": STILL}, "Nothing that we varied by itself explains it"),
+        ("differs", {"universes": MOVED}, "Noise unit = newton comes nearest to its limit: 5.00 becomes 4.00"),
+        ("fails", {"universes": STILL}, "No choice that we varied by itself explains it"),
         ("differs", {}, "Outside rounding and sampling error"),
         ("fails", {}, "Limit 1.25 m"),
         ("holds", {"universes": MOVED}, "Limit 1.25 m, 3.2 standard errors away"),
@@ -363,43 +376,94 @@ def test_the_line_says_why_a_verdict_is_what_it_is(verdict, more, line):
     assert _templates().get_template("macros.html.j2").module.why(row) == line
 
 
-def effect(value, towards, size, cause="result"):
-    number = 5.0 + size if towards else 5.0 - size
-    return Effect(f"choice_{value}", value, 0, "differs", cause, number, number - 5.0, size, towards)
+def headline_row(name, verdict="holds", **more):
+    """A headline claim as it is read from a build."""
+    base = {"paper": "p", "id": name, "plain": f"{name} is so", "kind": "qualitative", "printed": True, "headline": 1}
+    result = Result(value=True, verdict=verdict)
+    return Claim(**base, verdict=verdict, reading="corrected", readings={"corrected": result}, **more)
 
 
 @pytest.mark.parametrize(
-    ("effects", "expected"),
+    ("best", "computed", "line"),
     [
-        ([effect("away", False, 9.0)], None),
-        ([effect("still", True, 0.9), effect("unsolved", True, 7.0, "infeasible")], None),
-        ([effect("away", False, 9.0), effect("some", True, 2.0), effect("most", True, 3.0)], "most"),
-        ([], None),
+        ((3, 3, 1007), "abc", "All 3, in universe 1007; 2 of 3 in ours."),
+        ((2, 3, 1007), "abc", "At most 2 of 3, in universe 1007; 2 of 3 in ours."),
+        ((2, 2, 0), "ab", "All the 2 that universes compute, in <code>corrected</code>; 2 of 3 in ours. {c}"),
+        ((1, 2, 7), "ac", "At most 1 of the 2 that universes compute, in universe 7; 2 of 3 in ours. {b}"),
+        ((0, 3, 0), "abc", "No headline is true in any universe; 2 of 3 in ours."),
+        (None, "", "Universes compute none of the 3 headlines. {a} {b} {c}"),
     ],
 )
-def test_of_every_claim_the_cause_is_what_moves_it_most_towards_print(tmp_path, effects, expected):
-    """What moves a claim away, or within its error, stands nowhere as its cause, whatever it was declared with."""
-    names = ("away", "still", "unsolved", "some", "most")
-    written = {f"choice_{n}": Choice(f"choice_{n}", "?", "withheld", "", {}, {"ours": {}, n: {}}, None) for n in names}
-    paper, _ = example(tmp_path)
-    cause = cause_of(effects)
-    standing = STILL.model_copy(update={"cause": cause and (cause.choice, cause.value)})
-    update = {"universes": standing, "unit": "m", "choices": ("choice_away", "choice_still")}
-    rows = [row.model_copy(update=update) for row in paper.claims]
-    table = SimpleNamespace(claim=[row.id for row in rows])
-    judge = SimpleNamespace(table=table, effects=lambda _: effects, choices=Choices(written))
-    causes = Deciding(rows, (), judge).causes()
-    assert set(causes) == {row.id for row in rows if row.is_refuted}
-    assert len(causes) > 2
-    why = _templates().get_template("macros.html.j2").module.why
-    for row in rows:
-        if row.is_refuted:
-            line = why(row, causes[row.id])
-            if expected is None:
-                assert line == "Nothing that we varied by itself explains it"
-            else:
-                assert line.startswith(f"Choice {expected} (not printed) moves it most towards ")
-                assert f": its values give 5.00 to {5 + cause.size:.2f}" in line
+def test_one_line_says_how_many_headlines_are_true_at_once_in_the_counts_of_the_page(best, computed, line):
+    rows = [headline_row("a"), headline_row("b"), headline_row("c", "fails")]
+    best = best and SimpleNamespace(headlines=best[0], of=best[1], universe=best[2])
+    absent = [row.id for row in rows if row.id not in computed]
+    entry = {"joint": SimpleNamespace(best=best, not_computed=absent), "counts": counted(rows), "headline": rows}
+    absent = {name: f"Universes do not compute “{name.upper()} is so”." for name in "abc"}
+    said = _templates().get_template("macros.html.j2").module.at_once(entry)
+    assert str(said).strip() == line.format(**absent)
+
+
+def test_a_headline_that_no_universe_computes_is_not_one_that_none_decides():
+    standing, judge = STILL.model_copy(update={"label": "not_computed", "true": 0, "of": 0}), SimpleNamespace()
+    rows = [headline_row("a", universes=standing), headline_row("b")]
+    entry = {"headline": rows, "causes": {}, "name": "P", "paper": SimpleNamespace(found={})}
+    entry |= {"report": SimpleNamespace(judge=judge), "at": "#{}".format}
+    table = str(_templates().get_template("macros.html.j2").module.headline(entry))
+    assert table.count("not computed in universes") == 2
+    assert "no universe decides it" not in table
+
+
+@pytest.mark.parametrize(
+    ("verdict", "true", "line"),
+    [
+        ("fails", 357, "true in 357 of 509 universes"),
+        ("differs", 73, ""),
+        ("holds", 27, "true in 27 of 509 universes"),
+        ("reproduced", 500, ""),
+        ("undetermined", 500, ""),
+        ("by_construction", 0, ""),
+    ],
+)
+def test_a_claim_that_most_universes_judge_otherwise_says_in_how_many_it_is_true(tmp_path, verdict, true, line):
+    standing = STILL.model_copy(update={"true": true, "of": 509})
+    assert odd_one_out(headline_row("a", verdict, universes=standing)) == line
+    assert odd_one_out(headline_row("a", verdict)) == ""
+
+
+def test_a_row_of_the_second_page_says_so_and_what_its_number_is(tmp_path):
+    papers = example(tmp_path)
+    standing = STILL.model_copy(update={"true": 60})
+    rows = [row.model_copy(update={"universes": standing}) for row in papers[0].claims]
+    off = {"measure": "cost of feedback", "value": 5.0, "limit": 1.25, "unit": "m", "distance": 3.2, "in": "limits"}
+    at = next(k for k, row in enumerate(rows) if row.is_statement)
+    result = rows[at].result.model_copy(update={"margin": Margin.model_validate(off)})
+    rows[at] = rows[at].model_copy(update={"readings": {"corrected": result}})
+    build(tmp_path / "out", [replace(papers[0], claims=rows)], tmp_path)
+    page = (tmp_path / "out" / "powered_descent_evidence.html").read_text("utf-8")
+    for row in (row for row in rows if row.is_refuted):
+        summary = page.partition(f'id="{row.id}"')[2].partition("</summary>")[0]
+        assert "true in 60 of 64 universes" in summary
+    summary = page.partition(f'id="{rows[at].id}"')[2].partition("</summary>")[0]
+    assert 'data-name="Ours">5 m <small>cost of feedback</small>' in summary
+
+
+def test_a_caption_stands_whole_where_a_figure_is_unfolded_and_a_table_has_a_title(site, pages):
+    page = (site[0] / "out" / "powered_descent.html").read_text("utf-8")
+    caption = site[1][0].catalogue.figures["fig01"].caption
+    assert f"<p>{escape(caption)}" in page.partition('id="fig01"')[2]
+    assert "<summary>Measured and predicted variances</summary>" in page
+    assert "Eq54" not in words(pages["powered_descent.html"])
+    search = (site[0] / "out" / "assets" / "search-data.js").read_text("utf-8")
+    assert '"powered_descent.html#table-eq54","Powered descent: table","Measured and predicted variances"' in search
+
+
+def effect(value, towards, size, cause="result"):
+    number = 5.0 + size if towards else 5.0 - size
+    off = abs(number - 9.0)
+    return Effect(
+        f"choice_{value}", value, "universe 3", "differs", cause, number, number - 5.0, off, size, towards, False
+    )
 
 
 def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
@@ -414,8 +478,9 @@ def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
         Claim(id=name, headline=place, verdict="differs", reading="corrected", readings={"corrected": result}, **base)
         for place, name in enumerate(moved)
     ]
-    judged = {name: SimpleNamespace(number=5.0, error=0.0, printed=9.0, effects=of) for name, of in moved.items()}
-    judge = SimpleNamespace(table=SimpleNamespace(claim=[*moved]), judged=judged.get, choices=Choices({}))
+    of_each = {"number": 5.0, "error": 0.0, "printed": 9.0}
+    judged = {name: SimpleNamespace(**of_each, effects=of, cause=of[0]) for name, of in moved.items()}
+    judge = SimpleNamespace(column=moved, judged=judged.get, choices=Choices({}))
     assert Deciding(rows, (), judge).number.claim.id == "second"
 
 

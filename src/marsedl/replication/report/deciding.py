@@ -8,7 +8,7 @@ from typing import NamedTuple
 from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim
 from marsedl.replication.inputs.choices import Choice
 from marsedl.replication.pipeline.catalogue import Erratum
-from marsedl.replication.universes.judging import Effect, Judge, cause_of
+from marsedl.replication.universes.judging import Effect, Judge
 from marsedl.replication.universes.table import components_of
 
 RANKS = (  # what an erratum changes, from most to least
@@ -71,7 +71,7 @@ class Deciding:
         """Take a paper's claims and errata, and what judges claims by its universes, if it has any."""
         self._claims, self._errata, self.judge = claims, errata, judge
         self._choices = list(judge.choices) if judge else []
-        self._judged = [row for row in claims if judge and row.id in judge.table.claim]
+        self._judged = [row for row in claims if judge and row.id in judge.column]
 
     def effects(self) -> list[ErratumEffect]:
         """Return what each erratum changes, by rank, then by the change of a number or the refuted claims."""
@@ -101,16 +101,12 @@ class Deciding:
         about = {*_ids(named), *found["verdicts"]}
         return ErratumEffect(erratum, rank, choices, **found, effect=effect, about=about, refuted=_ids(refuted))
 
-    def causes(self) -> dict[str, tuple[Choice, float, float, str] | None]:
-        """Return the cause of every claim that differs or fails; None if no choice by itself moves it towards print.
-
-        That is the choice that moves its number most towards print, and the range over its values with ours and a unit.
-        """
+    def causes(self) -> dict[str, tuple[Choice, str] | None]:
+        """Return the choice that is the cause of every claim that differs or fails, with the unit of its number."""
         found = {}
         for row in (row for row in self._judged if row.is_refuted):
-            effects, by_name = self.judge.effects(row.id), self.judge.choices.by_name
-            cause = cause_of(effects)
-            found[row.id] = cause and (by_name[cause.choice], *_range(effects, cause.choice), self._unit(row))
+            cause = self.judge.judged(row.id).cause
+            found[row.id] = cause and (self.judge.choices.by_name[cause.choice], self._unit(row))
         return found
 
     def _unit(self, row: Claim) -> str:
@@ -138,7 +134,7 @@ class Deciding:
                 effects.sort(key=lambda effect: -abs(effect.difference))
                 found.append(Number(row, one.number, one.error, one.printed, self._unit(row), effects))
 
-        causes = [cause for one in found if one.claim.is_refuted and (cause := cause_of(one.effects))]
+        causes = [cause for one in found if (cause := self.judge.judged(one.claim.id).cause)]
         main = max(causes, key=lambda effect: effect.size, default=None)
 
         def order(one: Number) -> tuple[bool, ...]:

@@ -1,20 +1,26 @@
 """What the README and the badge say of the papers and of words: written from the verdicts, never typed."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import CommittedClaim, with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.files import write_text
+from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import Paper
 
+if TYPE_CHECKING:
+    from marsedl.replication.universes.judging import Judge
+
 WORDS = Path(__file__).with_name("words.yaml")
 README, BADGE = Path("README.md"), Path("docs/images/badge.svg")
-_BLOCK = re.compile(r"(?ms)^(<!-- (answers|words): written by `marsedl readme` -->\n).*?^(<!-- end -->)$")
+UNIVERSES = Path("docs/universes.md")
+_BLOCK = re.compile(r"(?ms)^(<!-- (answers|words|universes): written by `marsedl readme` -->\n).*?^(<!-- end -->)$")
 _COUNTS = re.compile(r"\d+ of \d+ printed numbers; \d+ of \d+ statements")
 
 
@@ -33,6 +39,14 @@ def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:
     """Return the claims of a paper with their committed verdicts, in the printed order."""
     published = load_published(root / "data" / "published" / f"{slug}.yaml")
     return with_committed(root, slug, [(one.id, one.kind, one.headline) for one in published])
+
+
+def with_universes(text: str, judges: Mapping[str, "Judge"]) -> str:
+    """Return the text of the page on universes with what the committed runs say; judges: of them, by paper."""
+    from marsedl.replication.universes.joint import in_sentences  # slow to import, as the next
+
+    lines = "".join(f"- **{slug}**: {in_sentences(judge)}\n" for slug, judge in judges.items())
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{lines}{block[3]}", text)
 
 
 def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
@@ -61,9 +75,17 @@ def _answer(paper: Paper, rows: Sequence[CommittedClaim]) -> str:
     return f"- **[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors}). {' '.join([*asked, counts])}\n"
 
 
-def write(root: Path, papers: Sequence[Paper]) -> list[Path]:
-    """Write what came out of each paper into the README and its badge; returns the files."""
+def write(root: Path, papers: Sequence[Paper], models: Mapping[str, type[Inputs]]) -> list[Path]:
+    """Write what came out of each paper into the README, its badge and the page on universes; returns the files.
+
+    models: the typed inputs of each paper.
+    """
+    from marsedl.replication.universes.judging import COMMITTED, committed_judge
+
     texts = {path: filled(path.read_text(encoding="utf-8"), root, papers) for path in (root / README, root / BADGE)}
+    runs = [one.slug for one in papers if (root / COMMITTED / f"{one.slug}.h5").exists()]
+    judges = {slug: committed_judge(slug, models[slug], root) for slug in runs}
+    texts[root / UNIVERSES] = with_universes((root / UNIVERSES).read_text(encoding="utf-8"), judges)
     for path, text in texts.items():
         write_text(path, text)
     return list(texts)

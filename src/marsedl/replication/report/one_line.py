@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from marsedl.replication.claims.claim import STANDING_VERDICTS, Claim, Doubt, Margin
+from marsedl.replication.claims.claim import STANDING_VERDICTS, Cause, Claim, Doubt, Margin
 from marsedl.replication.claims.numbers import flatten, format_number, format_result
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
@@ -56,21 +56,43 @@ def limit(margin: Margin | None) -> str:
     return with_unit(re.sub(r"\.?0+(?=e|$)", "", text) if "." in text else text, margin.unit)
 
 
-def cause(row: Claim, found: tuple[Choice, float, float, str] | None = None) -> str:
-    """Return which choice moves a claim most towards what is printed.
+def cause(row: Claim, found: tuple[Choice, str] | None = None) -> str:
+    """Return which value of a choice reproduces a claim by itself, or else comes nearest to what is printed.
 
-    found: that choice, and the range over its values with a unit, NaN if it is not known
+    found: the choice, and the unit of the number
     """
-    if row.universes is None or row.universes.cause is None:
-        return "Nothing that we varied by itself explains it" if row.universes else ""
-    (name, value), towards = row.universes.cause, "its limit" if row.is_statement else "print"
-    if found is None:
-        return f"{in_words(name).capitalize()}: {in_words(value)} moves it most towards {towards}"
-    choice, low, high, unit = found
-    kind = f"erratum {choice.erratum}" if choice.erratum else _CLASSES[choice.kind]
-    ends = [near(end, high - low) for end in (low, high) if math.isfinite(low)]
-    reach = f": its values give {ends[0]} to {with_unit(ends[1], unit)}" if len(set(ends)) > 1 else ""
-    return f"{in_words(name).capitalize()} ({kind}) moves it most towards {towards}{reach}"
+    if row.universes is None:
+        return ""
+    misprint, text = row.universes.misprint, "No choice that we varied by itself explains it"
+    if one := row.universes.cause:
+        choice, unit = found or (None, "")
+        kind = choice and (f"erratum {choice.erratum}" if choice.erratum else _CLASSES[choice.kind])
+        does = _does(row) if one.verdict in STANDING_VERDICTS else f"comes nearest to {_target(row)}"
+        text = f"{_named(one).capitalize()}{f' ({kind})' if kind else ''} {does}"
+        if None not in (one.number, one.corrected) and one.number != one.corrected:
+            ends = [near(end, one.number - one.corrected) for end in (one.corrected, one.number)]
+            text += f": {ends[0]} becomes {with_unit(ends[1], unit)}"
+    return f"{text}; {_named(misprint)}, which is set apart, {_does(row)}" if misprint else text
+
+
+def _named(one: Cause) -> str:
+    return f"{in_words(one.choice)} = {in_words(one.value)}"
+
+
+def _does(row: Claim) -> str:
+    return "makes it hold" if row.is_statement else "reproduces it"
+
+
+def _target(row: Claim) -> str:
+    return "its limit" if row.is_statement else "print"
+
+
+def odd_one_out(row: Claim) -> str:
+    """Return in how many universes a claim is true if most of them decide against `corrected`; else empty."""
+    one, is_true = row.universes, row.verdict in STANDING_VERDICTS
+    if not one or not one.of or not (is_true or row.is_refuted) or (2 * one.true > one.of) == is_true:
+        return ""
+    return f"true in {one.true} of {one.of} universes"
 
 
 def remark(row: Claim) -> str:

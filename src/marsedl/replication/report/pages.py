@@ -26,9 +26,9 @@ from marsedl.replication.report.assembly import PaperReport, written
 from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
-from marsedl.replication.report.likeness import LIKENESSES, with_likeness
+from marsedl.replication.report.likeness import LIKENESSES, SEEN, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.joint import answer, joint
+from marsedl.replication.universes.joint import joint
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _BARS = 10  # values of choices that are drawn
@@ -98,8 +98,8 @@ def _templates() -> Any:
     )
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, written, in_words, joint, answer)
-    here = (_capital, _json, _said, _components)
+    of_names = (figure_label, written, in_words, one_line.odd_one_out)
+    here = (_capital, _json, _said, _components, _title)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
@@ -114,7 +114,7 @@ def _templates() -> Any:
         "about": lambda row, figures: [name for name, one in figures.items() if row.id in one.product.claims],
     }
     templates.globals |= {"kinds": VERDICTS_OF, "likenesses": LIKENESSES, "terms": words(), "default": CORRECTED}
-    templates.globals["versions_of"] = library_versions
+    templates.globals |= {"versions_of": library_versions, "seen_share": SEEN}
     return templates
 
 
@@ -177,7 +177,7 @@ def _shown(
 def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     """Return what the templates show of one paper; root: the folder of figures and tables."""
     rows, folder = report.claims, root / report.catalogue.slug
-    paper = with_likeness(report.catalogue, {row.id: row for row in rows})
+    paper = with_likeness(report.catalogue, {row.id: row for row in rows}, folder)
     claims = {row.id: row for row in rows if row.verdict in (*COUNTED_VERDICTS, BY_CONSTRUCTION)}
     headline = sorted((row for row in rows if row.headline), key=lambda row: row.headline)
     changed = _grouped(
@@ -206,12 +206,19 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "deciding": deciding.number and _deciding(deciding.number),
         "effects": deciding.effects(),
         "open": deciding.open(),
+        "joint": report.judge and joint(report.judge),
         "universes": _shown({name: Product(said) for name, said in of_universes.items()}, folder).values(),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
         "picture": _shown(of_headline, folder).get(files.HEADLINE),
         "figures": figures,
         "tables": tables,
     }
+
+
+def _title(one: Shown) -> str:
+    """What a table is called: by its number, or else by the first sentence of its caption."""
+    is_numbered = re.match(r"(fig|tab)\d", one.name)
+    return figure_label(one.name) if is_numbered else one_line.first_sentence(one.product.caption)
 
 
 def _grouped(pairs: Iterable[tuple[str, Any]]) -> dict[str, list]:
@@ -271,7 +278,7 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             parts.append((row.id, kind, _said(row), row.quantity, row.id, row.where))
         for kind, described in (("figure", paper.described), ("table", {})):
             for one in entry[f"{kind}s"].values():
-                parts.append((one.anchor, kind, figure_label(one.name), one.product.caption, described.get(one.name)))
+                parts.append((one.anchor, kind, _title(one), one.product.caption, described.get(one.name)))
         for one in paper.errata:
             parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, (_, meaning) in report.inputs.items()]

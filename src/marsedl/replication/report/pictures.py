@@ -1,6 +1,8 @@
 """Pictures of the report: figures with a palette of colours, at the width at which their letters can be read."""
 
+import contextlib
 import io
+import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +18,15 @@ class Picture(NamedTuple):
     content: bytes
     width: int
     height: int
+
+
+def printed_places(path: Path) -> list[tuple[float, float]]:
+    """Return each number that a figure marks as printed, with the span of its axis; none of a file that is no PNG."""
+    from PIL import Image  # slow to import
+
+    with contextlib.suppress(OSError, SyntaxError, ValueError), Image.open(path, formats=["PNG"]) as image:
+        return [(value, span) for value, span in json.loads(image.info.get("printed", "[]"))]
+    return []
 
 
 def picture(path: Path) -> Picture:
