@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +16,9 @@ from marsedl import cli, overview
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
+from marsedl.replication.records import store
+from marsedl.replication.universes.designs import Universe
+from marsedl.replication.universes.table import Outcome, Row, table_of
 from marsedl.replication.universes.what_if import Moved
 
 ROOT = Path(__file__).parents[1]
@@ -125,7 +129,7 @@ def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
     assert "\n    zf " not in output, "a table"
     output = said(capsys, "list", "stochastic_entry", "--tables")
     assert "\n    zf " in output
-    assert "  Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
+    assert "of Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
     output = said(capsys, "list", "--cases")
     assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", output)
     assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", output)
@@ -135,6 +139,16 @@ def test_list_shows_the_trials_of_a_size(project, capsys):
     output = said(capsys, "list", "powered_descent", "--cases", "--size", "smoke")
     assert re.search(r"\n    closed_loop +200 trials", output)
     assert "add --config size=smoke)" in output
+
+
+def test_every_claim_has_its_own_words_in_a_line_that_fits(project, capsys):
+    """Also of headlines, of which a build knows a finding; where nothing limits the width."""
+    for slug in SLUGS:
+        lines = said(capsys, "list", slug, "--claims").splitlines()
+        lines = [line for line in lines if line.startswith("    ")]
+        claims = load_published(ROOT / "data" / "published" / f"{slug}.yaml")
+        assert [line.split()[0] for line in lines] == [one.id for one in claims]
+        assert all(line.endswith(f"  {one.plain or one.quantity}") for line, one in zip(lines, claims, strict=True))
 
 
 @pytest.mark.parametrize("width", [80, 100])
@@ -354,15 +368,82 @@ def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, argum
     assert trials == [(case, 7)]
 
 
+@pytest.mark.stages
+@pytest.mark.parametrize(("words", "laws"), [("random_field both_branches 7", 4), ("powered_descent plus_sign 7", 1)])
+def test_a_trial_of_a_reading_of_which_all_makes_no_files_is_computed_in_memory(bare_project, capsys, words, laws):
+    output = said(capsys, "trial", *words.split())
+    assert output.count("trial 7") == laws
+    assert not (bare_project / "data" / "cache").exists()
+
+
 # ------------------------------------------------------------------------------------------------------------ what-if
 
 
 def test_a_number_that_there_is_not_is_null_in_json():
     turned = Moved("a", "a", 1.0, math.nan, 0.0, "holds", "fails", math.nan)
-    (text,) = overview.moved([turned], as_json=True)
+    (text,) = overview.moved(SimpleNamespace(moved=[turned]), [], as_json=True)
     (row,) = json.loads(text, parse_constant=pytest.fail)  # called for NaN, which is no JSON
     assert row["before"] == 1.0
     assert row["after"] is row["size"] is row["standard_errors"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--figure fig99", "no figure 'fig99'; did you mean"),
+        ("--figure eq54", "no figure 'eq54'"),  # a table
+        ("--reading corected", "no reading 'corected'; did you mean 'corrected'?"),
+        ("--configfile /none.yaml", "/none.yaml: cannot be read"),
+    ],
+)
+def test_what_if_refuses_a_request_before_anything_is_computed(project, monkeypatch, capsys, words, message):
+    monkeypatch.setattr("marsedl.replication.pipeline.runner.computed", pytest.fail)
+    assert message in refused(capsys, "what-if", "powered_descent", "noise_unit=newton", *words.split())
+
+
+@pytest.mark.stages
+@pytest.mark.xdist_group("powered_descent")
+def test_what_if_says_first_what_is_set_and_flown_and_then_what_moves_in_words(project, own_reading, tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text(own_reading("powered_descent", "mine", gravity="3.9"), encoding="utf-8")
+    words = "powered_descent noise_unit=newton entry.initial_velocity_angle_deg=100 --trials 60"
+    output = said(capsys, "what-if", *words.split(), "--reading", "mine", "--configfile", str(path))
+    first = output.partition("\n\n")[0].splitlines()
+    assert first[0] == "powered_descent: mine with other values"
+    assert [re.split("  +", line.strip()) for line in first[1:3]] == [
+        ["noise_unit", "maximum_thrust -> newton"],
+        ["entry.initial_velocity_angle_deg", "110.0 -> 100"],
+    ]
+    assert re.fullmatch("  flights: closed_loop 60, .*", first[3])
+    assert re.search(r"verdicts that change: \d+\n", output) and " standard errors" in output
+    assert "stays invertible throughout the flight. (q_invertible_all_t)" in output
+
+
+@pytest.mark.parametrize("number", ["100091", "1100198", "999"])
+def test_a_universe_that_nothing_holds_is_refused(bare_project, capsys, number):
+    message = refused(capsys, "universe", "powered_descent", number)
+    assert message.startswith(
+        f"marsedl: no table holds universe {number}, and no design has it: one at a time are 0 to "
+    )
+
+
+@pytest.mark.stages
+@pytest.mark.xdist_group("powered_descent")
+def test_a_universe_of_a_wave_is_computed_as_its_table_has_it_and_of_a_design_without_any(bare_project, capsys):
+    choices = cli.Project().studies["powered_descent"].choices
+    wave = Universe(100_091, "wave", {"noise_unit": "newton"}, seed=1, wave=2)
+    table = table_of(SimpleNamespace(study=SimpleNamespace(choices=choices)), [Row(wave, {"a": Outcome("refused")})])
+    path = bare_project / "report" / "universes" / "powered_descent.h5"
+    path.parent.mkdir(parents=True)
+    store.save(path, table, paper="powered_descent", reading="all", provenance={})
+    found = json.loads(said(capsys, "universe", "powered_descent", "100091", "--json"))
+    assert found["choices"] == choices.complete(wave.assignment)
+    assert (found["design"], found["wave"], found["seed"]) == ("wave", 2, 1)
+    assert found["from"] == "report/universes/powered_descent.h5"
+    assert {verdict for _, verdict, _ in found["claims"]} > {"holds", "reproduced"}
+    first, *lines = said(capsys, "universe", "powered_descent", "1").splitlines()
+    assert first == "universe 1 of powered_descent, one at a time; from its design, as no table has it"
+    assert re.fullmatch("  initial_descent +printed", lines[0])
 
 
 # ------------------------------------------------------------------------------------------------ in the built project
@@ -393,3 +474,9 @@ def test_what_computes_pins_the_numeric_environment_before_numpy_is_imported(wor
     command = [sys.executable, "-m", "marsedl.cli", *words.split()]
     process = subprocess.run(command, cwd=ROOT, env=shell, capture_output=True, text=True, check=False)
     assert process.returncode == 2 and process.stderr.startswith("marsedl: "), process.stderr
+
+
+def test_commands_take_as_many_files_of_a_user_as_snakemake():
+    for words in (["--configfile", "a.yaml", "b.yaml"], ["--configfile", "a.yaml", "--configfile", "b.yaml"]):
+        assert cli.command_line().parse_args(["verify", *words]).configfile == [Path("a.yaml"), Path("b.yaml")]
+    assert cli.command_line().parse_args(["verify"]).configfile == []

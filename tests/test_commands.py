@@ -35,20 +35,19 @@ STANDS_FOR = {  # what the pages write for anything, and one thing that it may s
     "READING": "printed",
     "COMMAND": "list",
     "diff A B": "diff configs configs",
-    "trial random_field both_branches": "trial random_field corrected",  # a reading that the smoke size builds
     # Shown for a Slurm, which is not everywhere; tests/slurm runs it. What stands in which order is the same.
     "--workflow-profile profiles/slurm": "--workflow-profile profiles/default",
 }
 ELSEWHERE = [
     *("make *", ". .venv/bin/activate", "python bench/*", "python profiles/*", "pytest *", "uv *", "pip *", "git *"),
     *("podman *", "h5dump *", "scancel *", "scontrol *", "*tests/slurm/cluster.py *", "marsedl verify*"),
-    "marsedl compare *",  # tests/replication/checks/test_compare.py
     *("marsedl accept*", "marsedl readme", "snakemake --report *", "snakemake --unlock*", "snakemake --profile *"),
     *("snakemake * --configfile own/mine.yaml *", "snakemake *--workflow-profile profiles/slurm*"),
     "*hypersonic_glide*",
 ]
 # What needs a build, or a process of its own, is given in a smoke build.
 OF_A_BUILD = ("marsedl trial *", "marsedl what-if *", "marsedl universe *", "python -c *", "marsedl diff build/*")
+COMPARED = "marsedl compare *"
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,8 @@ READINGS = [readings for path in PAGES for readings in of_page(path)[1]]
 RUN = list({command.line: command for command in SHOWN if not command.matches(ELSEWHERE)}.values())
 ON_A_BUILD = [command for command in RUN if command.matches(OF_A_BUILD) and len(command.line.split()) > 2]
 PLANNED = [c for c in RUN if re.match(r"(?:[A-Z_]+=\S+ )*snakemake ", c.line)]
-GIVEN = [c.line for c in RUN if c.line.startswith("marsedl ") and c not in ON_A_BUILD]
+ALIKE = [c.line for c in RUN if c.matches([COMPARED])]
+GIVEN = [c.line for c in RUN if c.line.startswith("marsedl ") and c not in ON_A_BUILD and c.line not in ALIKE]
 
 
 def targets(smoke: bool, own: bool) -> list[str]:
@@ -151,7 +151,7 @@ def test_other_commands_do_what_is_shown(monkeypatch, tmp_path, capsys, line):
     monkeypatch.chdir(ROOT)
     (tmp_path / "mine.yaml").write_text(READINGS[0], encoding="utf-8")
     words = shlex.split(line.replace("mine.yaml", str(tmp_path / "mine.yaml")))[1:]
-    if words in (["trial"], ["diff"], ["explain"], ["new-paper"], ["list"]):  # named, without arguments
+    if words in (["trial"], ["diff"], ["explain"], ["new-paper"], ["list"], ["compare"]):  # named, without arguments
         words.append("--help")
     try:
         assert cli.main(words) == 0
@@ -177,6 +177,20 @@ def test_commands_that_need_a_build_do_what_is_shown(tree):
         process = subprocess.run(words, cwd=tree.folder, env=environment, capture_output=True, text=True, check=False)
         assert process.returncode == 0, (command, process.stderr)
         assert process.stdout, command
+
+
+@pytest.mark.workflow
+def test_what_is_compared_is_compared_as_it_is_shown(tree):
+    """In the smoke size, after the claims of the page's own reading were judged; `../other` is a copy of the build."""
+    (tree.folder / "mine.yaml").write_text(READINGS[0], encoding="utf-8")
+    tree.works("report/claims/powered_descent.json", configfile="mine.yaml")
+    shutil.copytree(tree.build, tree.folder.parent / "other", dirs_exist_ok=True)
+    assert len(ALIKE) >= 4
+    for line in ALIKE:
+        own = () if "--configfile" in line else ("--configfile", "mine.yaml")  # with which the build is up to date
+        process = tree.marsedl(*shlex.split(line)[1:], *own, "--size", "smoke")
+        assert process.returncode == 0, (line, process.stderr)
+        assert "verdicts that change: " in process.stdout, line
 
 
 def test_commands_that_install_name_files_and_extras_that_exist():

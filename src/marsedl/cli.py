@@ -9,6 +9,7 @@ import contextlib
 import re
 import shlex
 import sys
+from collections.abc import Iterable
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import printable
 
-TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
+TARGETS = ("all", "papers", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -31,8 +32,9 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns 0, 1 if something differs or a check fails, 2 if the request is not valid, 3 if the build is not up to date.
     """
-    options = command_line().parse_args(arguments)
     try:
+        numerics.check_start()
+        options = command_line().parse_args(arguments)
         return COMMANDS[options.command](options) or 0
     except MarsedlError as error:
         print(f"marsedl: {printable(error)}", file=sys.stderr)
@@ -83,6 +85,8 @@ def command_line() -> argparse.ArgumentParser:
     add("trial", "--case", metavar="NAME", help="the Monte Carlo case, given as an option")
     what = "CHOICE=VALUE of 'marsedl explain PAPER', or an input as SECTION.KEY=VALUE"
     add("what-if", "changes", nargs="+", metavar="NAME=VALUE", help=what)
+    what = "the reading that is changed (default: %(default)s)"
+    add("what-if", "--reading", metavar="NAME", default=CORRECTED, help=what)
     add("what-if", "--trials", type=int, metavar="N", help="no number of trials exceeds N (default: as configured)")
     add("what-if", "--figure", metavar="NAME", help="draw this figure with both, side by side")
     add("what-if universe compare", "--json", action="store_true", help="write JSON")
@@ -107,8 +111,10 @@ def command_line() -> argparse.ArgumentParser:
     size = f"use the build of this size, such as smoke (default: {FULL})"
     add("list explain trial compare", "--size", metavar="NAME", help=size)
     add("verify accept", "--size", metavar="NAME", help=f"with --reference: {size}")
-    file = "a file with readings of your own, as for snakemake"
-    add("explain trial verify accept compare", "--configfile", metavar="FILE", type=Path, help=file)
+    file = "a file with readings of your own, or several, as for snakemake: after all other words"
+    several = {"nargs": "+", "action": "extend", "default": []}
+    names = "explain trial verify accept compare what-if universe"
+    add(names, "--configfile", metavar="FILE", type=Path, help=file, **several)
     return parser
 
 
@@ -121,25 +127,24 @@ def project_root() -> Path:
 
 
 class Project:
-    """The project in the size that a command asks for, else that of a user's file, with the readings in this file."""
+    """The project in the size that a command asks for, else that of a user's file, with the readings in their files."""
 
-    def __init__(self, size: str | None = None, config_file: Path | None = None):
+    def __init__(self, size: str | None = None, config_files: Iterable[Path] = ()):
         """Load all studies; raises InputError as `load_studies`."""
         from marsedl.replication.claims.rows import read_claims
         from marsedl.replication.inputs.readings import load_studies
 
         self.root, models = project_root(), {slug: input_model(slug) for slug in SLUGS}
-        config, files = {"size": size} if size else {}, [config_file] if config_file else []
-        self.studies = load_studies(models, self.root, config, files)
+        self.studies = load_studies(models, self.root, {"size": size} if size else {}, config_files)
         self.size = self.studies[SLUGS[0]].size
         self.folder = build_folder(self.root, self.size)  # of the products of this size
         self._read_claims = cache(read_claims)
         # Of snakemake, to build this size with these readings.
         self.options = f" --config size={shlex.quote(size)}" if size and size != FULL else ""
-        if config_file is not None:
-            path, root = config_file.resolve(), self.root.resolve()
-            path = path.relative_to(root) if path.is_relative_to(root) else path
-            self.options += f" --configfile {shlex.quote(str(path))}"
+        if config_files:
+            paths, root = [path.resolve() for path in config_files], self.root.resolve()
+            paths = [path.relative_to(root) if path.is_relative_to(root) else path for path in paths]
+            self.options += f" --configfile {shlex.join(map(str, paths))}"
 
     @cached_property
     def recipes(self):
@@ -255,6 +260,16 @@ def _trial(options) -> None:
     _say(runner.replay(project.folder, paper, study, options.reading, trial, project.options))
 
 
+def _evaluator(options):
+    """What computes universes of a paper, with the readings and choices of a user's file."""
+    from marsedl.replication.universes.table import Evaluator
+
+    project = Project(config_files=options.configfile)
+    evaluator = Evaluator(catalogue(options.paper), input_model(options.paper), project.root)
+    evaluator.study = project.studies[options.paper]
+    return evaluator
+
+
 def _what_if(options) -> None:
     """Compute a paper with other values of choices or inputs, and show which claims move.
 
@@ -262,17 +277,23 @@ def _what_if(options) -> None:
     """
     numerics.pin_numerics(project_root())
     from marsedl.plotting.style import save_side_by_side
-    from marsedl.replication.universes.table import Evaluator
-    from marsedl.replication.universes.what_if import changes_of, drawn, what_if
+    from marsedl.replication.checks import compare
+    from marsedl.replication.universes.what_if import WhatIf, changes_of, figure_entry
 
-    evaluator = Evaluator(catalogue(options.paper), input_model(options.paper), project_root())
-    assignment, inputs = changes_of(options.changes, evaluator.study.choices)
+    paper, evaluator = catalogue(options.paper), _evaluator(options)
+    if options.figure:
+        figure_entry(paper, options.figure)  # refused before anything is computed
     if options.trials:
         evaluator.limit_trials(options.trials)
-    _say(*overview.moved(what_if(evaluator, assignment, inputs), as_json=options.json))
+    what_if = WhatIf(evaluator, *changes_of(options.changes, evaluator.study.choices), options.reading)
+    if not options.json:
+        _say(*overview.asked(what_if, paper.slug))
+        sys.stdout.flush()
+    published = [*evaluator.published.values()]
+    _say(*overview.moved(compare.difference(*what_if.sides(), published), published, as_json=options.json))
     if options.figure:
         path = Path("build/what-if") / options.paper / f"{options.figure}.png"
-        save_side_by_side(drawn(evaluator, options.figure, assignment, inputs), path)
+        save_side_by_side(what_if.drawn(options.figure), path)
         print(f"wrote {path}", file=sys.stderr)
 
 
@@ -311,14 +332,20 @@ def _compare(options) -> None:
 
 
 def _universe(options) -> None:
-    """Compute one universe of a paper again, and show its choices and what its claims give."""
-    numerics.pin_numerics(project_root())
-    from marsedl.replication.universes.designs import numbered
-    from marsedl.replication.universes.table import Evaluator
+    """Compute one universe of a paper again, and show its choices and what its claims give.
 
-    evaluator = Evaluator(catalogue(options.paper), input_model(options.paper), project_root())
-    universe = numbered(evaluator.study.choices, options.number)
-    _say(*overview.universe(evaluator, evaluator.row(universe), as_json=options.json))
+    Takes its choices and random numbers from the build's table of universes, else from the committed one, else from the
+    design that has the number.
+    """
+    numerics.pin_numerics(project_root())
+    from marsedl.replication.universes import what_if
+
+    evaluator = _evaluator(options)
+    slug, root = evaluator.paper.slug, project_root()
+    tables = [root / f"{folder}/universes/{slug}.h5" for folder in ("report", "data/reference")]
+    universe, path = what_if.found(evaluator.study, options.number, tables)
+    where = path.relative_to(root).as_posix() if path else "its design, as no table has it"
+    _say(*overview.universe(slug, *what_if.judged(evaluator, universe), where, as_json=options.json))
 
 
 def _verify(options) -> int:
@@ -395,7 +422,7 @@ def _readme(options) -> None:
 
     root = project_root()
     papers = [with_numbers(catalogue(slug), committed(root, slug)) for slug in SLUGS]
-    _say(*(f"wrote {path}" for path in front_page.write(root, papers)))
+    _say(*(f"wrote {path}" for path in front_page.write(root, papers, {slug: input_model(slug) for slug in SLUGS})))
 
 
 def _new_paper(options) -> None:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 
 from marsedl.replication.claims.committed import with_committed
@@ -66,7 +66,8 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
 
     readings, claims = project.studies[paper.slug].readings, project.published(paper.slug)
     rows = project.verdicts(paper.slug)
-    verdicts, paper = {name: claim.verdict for name, claim in rows.items()}, with_likeness(paper, rows)
+    verdicts = {name: claim.verdict for name, claim in rows.items()}
+    paper = with_likeness(paper, rows, project.folder / "figures" / paper.slug)
     inputs = readings[CORRECTED].inputs
 
     return {
@@ -82,9 +83,7 @@ def _items(project, paper) -> dict[str, list[tuple[str, ...]]]:
             (case, f"{inputs.get(name):,} trials", f"input {name}: {inputs.meaning(name)}")
             for case, name in inputs.CASES.items()
         ],
-        "claims": [
-            (c.id, verdicts.get(c.id) or "–", c.where, (rows and paper.found.get(c.id)) or c.quantity) for c in claims
-        ],
+        "claims": [(one.id, verdicts.get(one.id) or "–", one.plain or one.quantity) for one in claims],
     }
 
 
@@ -156,50 +155,30 @@ def _plain(row) -> dict:
     return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}
 
 
-def moved(rows, *, as_json: bool = False) -> Iterator[str]:
-    """Yield what moves, see `marsedl.replication.universes.what_if`."""
-    if as_json:
-        yield json.dumps([_plain(row) for row in rows], indent=1)
-        return
-    if not rows:
-        yield "no verdict changes, and no number moves by more than its error"
-        return
-    table = [
-        (
-            row.component,
-            f"{row.verdict_before} -> {row.verdict_after}" if row.turned else row.verdict_before,
-            f"{row.before:.6g} -> {row.after:.6g}",
-            f"moves by {row.size:.3g} times what noise and rounding explain" if row.size == row.size else row.sentence,
-        )
-        for row in rows
-    ]
-    yield columns(table, 0, wrap=False)
+def asked(what_if, paper) -> Iterator[str]:
+    """Yield what is set and how many flights follow, before they are flown, see `marsedl...universes.what_if`."""
+    yield f"{paper}: {what_if.names[0]} with other values"
+    yield columns([(name, f"{old} -> {new}") for name, (old, new) in what_if.set.items()], 2)
+    flights = ", ".join(f"{case} {number:,}" for case, number in what_if.trials.items())
+    yield f"  flights: {flights or 'none'}\n"
 
 
-def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
-    """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
-    from marsedl.replication.checks.compare import in_digits
+def _moving(rows, published) -> Iterator[str]:
+    """Verdicts that change and numbers that move, in words."""
+    from marsedl.replication.checks.compare import apart, in_digits
     from marsedl.replication.inputs.choices import in_words
-
-    before, after, changed, rows, alone = difference
-    if as_json:
-        claims = [_plain(row) for row in rows]
-        inputs = [{"name": name, "before": old, "after": new} for name, (old, new) in changed.items()]
-        yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
-        return
 
     printed = {one.id: one for one in published}
 
     def lines(rows):
         for row in rows:
-            claim, apart = printed[row.claim], f"{row.sigmas:.1f} standard errors" if row.error > 0.0 else ""
+            claim = printed[row.claim]
             first, second = in_digits(row, claim)
             verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
-            numbers = f"{first} -> {second}" if first != second else ""
-            yield verdicts, numbers, apart, f"{claim.plain or claim.quantity} ({row.component})"
+            numbers = f"{first} -> {second}" if row.same_test else f"{first}; {second}"
+            numbers = row.sentence or (numbers if first != second else "")
+            yield verdicts, numbers, apart(row), f"{claim.plain or claim.quantity} ({row.component})"
 
-    yield f"inputs that differ, {before.name} -> {after.name}:"
-    yield columns([(name, " -> ".join(pair)) for name, pair in changed.items()] or [("none",)], 2)
     turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
     shown = [row for row in rest if row.counts]
     for title, those in {
@@ -210,22 +189,42 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
         if those:
             yield columns([*lines(those)], 2)
     yield f"numbers that move by less: {len(rest) - len(shown)}"
+
+
+def moved(difference, published, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moves if something is set otherwise; JSON is a list of what counts."""
+    if as_json:
+        yield json.dumps([_plain(row) for row in difference.moved if row.counts], indent=1)
+    else:
+        yield from _moving(difference.moved, published)
+
+
+def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
+    """Yield what moved between two sides, see `marsedl.replication.checks.compare`."""
+    before, after, changed, rows, alone = difference
+    if as_json:
+        claims = [_plain(row) for row in rows]
+        inputs = [{"name": name, "before": old, "after": new} for name, (old, new) in changed.items()]
+        yield json.dumps({"inputs": inputs, "claims": claims, "judged_in_one": alone}, indent=1)
+        return
+    yield f"inputs that differ, {before.name} -> {after.name}:"
+    yield columns([(name, " -> ".join(pair)) for name, pair in changed.items()] or [("none",)], 2)
+    yield from _moving(rows, published)
     if alone:
         yield f"claims judged in only one of the two: {', '.join(alone)}"
 
 
-def universe(evaluator, row, *, as_json: bool = False) -> Iterator[str]:
-    """Yield the choices of a universe and what its claims give."""
-    choices = evaluator.study.choices.complete(row.universe.assignment)
-    claims = [
-        (name, outcome.verdict if outcome.cause == "result" else outcome.cause, outcome.sentence)
-        for name, outcome in row.outcomes.items()
-    ]
+def universe(paper: str, row, side, where: str, *, as_json: bool = False) -> Iterator[str]:
+    """Yield the choices of a universe, its design, where it is from, and what its claims give."""
+    one, outcomes = row.universe, row.outcomes.items()
+    claims = [(k, side.verdicts[k] if of.cause == "result" else of.cause, of.sentence) for k, of in outcomes]
     if as_json:
-        yield json.dumps({"number": row.universe.number, "choices": choices, "claims": claims}, indent=1)
+        of_universe = {"number": one.number, "design": one.design, "wave": one.wave, "seed": one.seed, "from": where}
+        yield json.dumps(of_universe | {"choices": dict(side.inputs), "claims": claims}, indent=1)
         return
-    yield f"universe {row.universe.number} of {evaluator.paper.slug}, {row.universe.design.replace('_', ' ')}"
-    yield columns([(name, str(value)) for name, value in choices.items()], 2)
+    wave, again = f" {one.wave}" if one.wave else "", ", with other random numbers" if one.seed else ""
+    yield f"universe {one.number} of {paper}, {one.design.replace('_', ' ')}{wave}{again}; from {where}"
+    yield columns([(name, str(value)) for name, value in side.inputs.items()], 2)
     yield "\nclaims"
     yield columns(claims, 2)
 
@@ -245,11 +244,12 @@ def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
     yield f"  verdict: {verdict.verdict} (reading {verdict.reading})"
     told = {"remark": one_line.remark(verdict)}
     if one := verdict.universes:
-        on = f" on {', '.join(one.on)}" if one.on else ""
-        told["universes"] = f"{one.stands}{on}; true in {one.true} of {one.of} that fill the space and have a result"
+        on = ", ".join([*one.alone, *(f"{name} (in combination)" for name in one.together)])
+        share = f"true in {one.true}, undetermined in {one.undetermined} of {one.of} that fill the space"
+        told["universes"] = f"{one.label.replace('_', ' ')}{f' on {on}' if on else ''}; {share} and have a result"
         if verdict.is_refuted:
-            choice = project.studies[claim.paper].choices.by_name.get(one.cause[0]) if one.cause else None
-            told = {"why": one_line.cause(verdict, choice and (choice, nan, nan, ""))} | told
+            choice = project.studies[claim.paper].choices.by_name.get(one.cause.choice) if one.cause else None
+            told = {"why": one_line.cause(verdict, choice and (choice, ""))} | told
     if evidence and verdict.counterexample:
         told["turned"] = in_words(verdict.counterexample)
     yield columns([(name, text) for name, text in told.items() if text], 2)

@@ -3,17 +3,22 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from marsedl import results
+from marsedl.papers import input_model
 from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
 from marsedl.replication.claims.claim import Claim, Result
 from marsedl.replication.claims.rows import write_claims
 from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.records import fields, store
+from marsedl.replication.universes.designs import Universe
+from marsedl.replication.universes.table import Outcome, Row, table_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "results.md"
@@ -207,8 +212,50 @@ def test_the_examples_of_the_page_run(build, monkeypatch):
     assert names["both"][["error here", "error there"]].iloc[0].to_list() == [1e-9, 2e-9]
 
 
-@pytest.mark.parametrize("page", ["formats", "using"])
-def test_the_examples_of_other_pages_run_in_a_build(build, page, monkeypatch):
+def with_universes(folder, count):
+    """Write a table with a number, a row of two and a statement in some universes; the row fails in the second."""
+    choices = load_study("powered_descent", input_model("powered_descent"), ROOT).choices
+    rows = []
+    for number in range(count):
+        one = {"prior_final_mass": Outcome("result", {"": (1346.0 + number, 0.0, 1346.0)})}
+        one["q_invertible_all_t"] = Outcome("result", {"test 1": (0.003, 0.0, 0.0)}, "holds", "test 1")
+        if number == 1:
+            one["prior_final_mass"] = Outcome("refused", sentence="no mass is left")
+        rows.append(Row(Universe(number, "one_at_a_time", {}), one))
+    folder.mkdir(parents=True)
+    table = table_of(SimpleNamespace(study=SimpleNamespace(choices=choices)), rows)
+    store.save(folder / "powered_descent.h5", table, paper="powered_descent", reading="all", provenance={})
+
+
+@pytest.fixture
+def universes(build, monkeypatch):
+    """A build with two universes, and a committed run of three."""
+    with_universes(build / "report" / "universes", 2)
+    with_universes(build / "committed", 3)
+    monkeypatch.setattr("marsedl.replication.universes.judging.COMMITTED", build / "committed")
+    return build
+
+
+def test_universes_are_those_of_the_build_or_of_the_committed_run_and_say_so(universes):
+    own = results.universes("powered_descent", build=universes)
+    large = results.universes("powered_descent", build=universes, committed=True)
+    assert (own.attrs["run"], own.attrs["universes"], own["universe"].nunique()) == ("build", 2, 2)
+    assert (large.attrs["run"], large.attrs["universes"], large["universe"].nunique()) == ("committed", 3, 3)
+    assert Path(own.attrs["file"]).parts[-3:] == ("report", "universes", "powered_descent.h5")
+    assert {"noise_unit", "decides", "claim_verdict"} <= {*own.columns}
+    mass = large.query("claim == 'prior_final_mass'").set_index("universe")
+    assert mass["verdict"].to_list() == ["reproduced", "none", "differs"]
+    assert mass["cause"].to_list() == ["result", "refused", "result"]
+    assert large.query("claim == 'q_invertible_all_t'")["component"].unique().tolist() == ["q_invertible_all_t test 1"]
+    with pytest.raises(InputError, match="no committed run of funnels; there is one of: powered_descent"):
+        results.universes("funnels", build=universes, committed=True)
+    with pytest.raises(ArtifactError, match=r"funnels\.h5"):
+        results.universes("funnels", build=universes)
+
+
+@pytest.mark.parametrize("page", ["formats", "using", "universes"])
+def test_the_examples_of_other_pages_run_in_a_build(universes, page, monkeypatch):
+    build = universes
     monkeypatch.chdir(build)
     (example,) = re.findall(
         r"^```python\n(.*?)^```$", (ROOT / "docs" / f"{page}.md").read_text("utf-8"), re.DOTALL | re.MULTILINE
@@ -217,3 +264,5 @@ def test_the_examples_of_other_pages_run_in_a_build(build, page, monkeypatch):
     exec(compile(example, page, "exec"), names)
     if page == "using":
         assert names["altitude"].values.tolist() == [1.0, 1.0, 1.0]
+    if page == "universes":
+        assert names["large"].attrs["run"] == "committed"

@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from marsedl.replication.claims.rows import claims_table, read_claims
+from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.results.builds import find
 
@@ -62,41 +63,61 @@ def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | N
     return frame
 
 
-def universes(paper: str, build: str | Path | None = None) -> pd.DataFrame:
+def universes(paper: str, build: str | Path | None = None, *, committed: bool = False) -> pd.DataFrame:
     """Return what every claim gives in every universe: a row for each universe and number of a claim.
 
-    Columns: universe (its number), design, each choice by its name (the value, or the number of a range), claim,
-    component, value, standard_error, limit (what is printed, or the limit of a statement), verdict, cause ("result", or
-    why there is no verdict).
+    committed: the large run in data/reference/universes of the project, in place of the build's. `frame.attrs` has the
+    `run` ("build" or "committed"), its `file`, and the number of its `universes`.
 
-    Raises InputError if there is no such paper, ArtifactError if the table is not built.
+    Columns: universe (its number), design, each choice by its name (the value, or the number of a range), claim,
+    component (the claim with the place of the number; of a statement, which test), value, standard_error, limit (what
+    is printed, or the limit of a test), decides (of several tests of a statement, that which does there), verdict of
+    the component, claim_verdict, trials, cause ("result", or why there is none).
+
+    Raises InputError if there is no such paper or no committed run of it, ArtifactError if the table is not built.
     """
+    from marsedl.replication.claims.printed import load_published
+    from marsedl.replication.claims.writing import claims_of
     from marsedl.replication.records import store
     from marsedl.replication.universes.designs import DESIGNS
-    from marsedl.replication.universes.table import CAUSES, VERDICTS, Universes
+    from marsedl.replication.universes.judging import COMMITTED, Judge
+    from marsedl.replication.universes.table import Universes
 
     found = find(build)
-    choices = found.study(paper).choices
-    of = store.load(found.folder / "report" / "universes" / f"{paper}.h5", Universes, paper=paper)
+    study, run = found.study(paper), "committed" if committed else "build"
+    path = (found.project / COMMITTED if committed else found.folder / "report" / "universes") / f"{paper}.h5"
+    if committed and not path.exists():
+        those = ", ".join(sorted(one.stem for one in path.parent.glob("*.h5"))) or "none"
+        raise InputError(f"there is no committed run of {paper}; there is one of: {those}. Leave out committed=True")
+    table, published = store.load(path, Universes, paper=paper), found.project / "data" / "published" / f"{paper}.yaml"
+    judge = Judge(table, study.choices, load_published(published), claims_of(paper).declarations)
+    values = dict(zip(table.choice.tolist(), table.assignment.T, strict=True))
     columns = {
-        one.name: of.assignment[:, k] if one.range else [[*one.alternatives][int(v)] for v in of.assignment[:, k]]
-        for k, one in enumerate(choices)
+        one.name: values[one.name] if one.range else [[*one.alternatives][int(v)] for v in values[one.name]]
+        for one in study.choices
     }
-    rows = pd.DataFrame({"universe": of.number, "design": [DESIGNS[k] for k in of.design], **columns})
-    claim = [[*of.claim].index(name.partition("[")[0]) for name in of.component]
-    frames = [
-        rows.assign(
-            claim=of.claim[at],
-            component=name,
-            value=of.value[:, k],
-            standard_error=of.error[:, k],
-            limit=of.limit[:, k],
-            verdict=[VERDICTS[code] for code in of.verdict[:, at]],
-            cause=[CAUSES[code] for code in of.cause[:, at]],
+    rows = pd.DataFrame({"universe": table.number, "design": [DESIGNS[k] for k in table.design], **columns})
+    frames = []
+    for place, (claim, label) in enumerate(judge.component):
+        at, is_statement = judge.column[claim], judge.is_statement(claim)
+        value, error, limit = judge.numbers[:, :, place]
+        frames.append(
+            rows.assign(
+                claim=claim,
+                component=f"{claim} {label}".strip() if is_statement else claim + label,
+                value=value,
+                standard_error=error,
+                limit=limit,
+                decides=judge.tests[:, at] == place if is_statement else True,
+                verdict=judge.verdicts[:, at] if is_statement else judge.of_numbers[:, place],
+                claim_verdict=judge.verdicts[:, at],
+                trials=judge.trials[:, at],
+                cause=judge.cause[:, at],
+            )
         )
-        for k, (name, at) in enumerate(zip(of.component, claim, strict=True))
-    ]
-    return pd.concat(frames, ignore_index=True).sort_values(["universe", "component"], ignore_index=True)
+    frame = pd.concat(frames, ignore_index=True).sort_values(["universe", "component"], ignore_index=True)
+    frame.attrs |= {"run": run, "file": str(path), "universes": len(table.number)}
+    return frame
 
 
 def inputs(paper: str, reading: str = CORRECTED, build: str | Path | None = None) -> pd.DataFrame:

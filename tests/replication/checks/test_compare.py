@@ -8,11 +8,19 @@ import pytest
 
 from marsedl.papers import input_model
 from marsedl.replication.checks import compare
-from marsedl.replication.checks.compare import Side, difference, in_digits, moved_claims, named, of_other_build, side_of
+from marsedl.replication.checks.compare import (
+    apart,
+    difference,
+    in_digits,
+    moved_claims,
+    named,
+    of_other_build,
+    side_of,
+)
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_study
-from marsedl.replication.universes.what_if import Moved
+from marsedl.replication.universes.what_if import Moved, Number, Side
 
 ROOT = Path(__file__).parents[3]
 PUBLISHED = [
@@ -25,14 +33,19 @@ PUBLISHED = [
 ]
 
 
-def side(name: str, mean, peak: float, verdicts: tuple[str, str, str], **inputs: str) -> Side:
-    """A reading with two means of standard error 0.3 and 0.4, and a peak."""
-    numbers = {"mean[1]": (mean[0], 0.3, 1.0), "mean[2]": (mean[1], 0.4, 2.0), "peak": (peak, 0.0, 5.0)}
+def side(name: str, mean, peak: float, verdicts: tuple[str, str, str], own=(), **inputs: str) -> Side:
+    """A reading with two means of standard error 0.3 and 0.4, and a peak; own: verdicts on the means."""
+    first, second = own or 2 * [verdicts[0]]
+    numbers = {
+        ("mean", "[1]"): Number(mean[0], 0.3, 1.0, first),
+        ("mean", "[2]"): Number(mean[1], 0.4, 2.0, second),
+        ("peak", ""): Number(peak, 0.0, 5.0, verdicts[1]),
+    }
     return Side(name, inputs, dict(zip(("mean", "peak", "calm"), verdicts, strict=True)), numbers)
 
 
 BEFORE = side("corrected", (1.0, 2.0), 5.0, ("reproduced", "reproduced", "holds"), mass="1", area="2")
-AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "none"), mass="3", area="2")
+AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "none"), ("reproduced", "differs"), mass="3", area="2")
 
 
 @pytest.fixture(scope="module")
@@ -56,22 +69,32 @@ def other_build(tmp_path, study, monkeypatch):
     return made_with
 
 
-def test_of_a_verdict_that_changes_the_number_is_told_that_moves_most():
-    (one,) = moved_claims(BEFORE, AFTER, PUBLISHED)
-    assert (one.component, one.verdict_before, one.verdict_after) == ("mean[2]", "reproduced", "differs")
-    assert one.sigmas == pytest.approx(2.0 / math.hypot(0.4, 0.4)), "a claim that only one evaluates has not moved"
+def test_of_a_verdict_that_changes_the_numbers_are_told_whose_own_verdict_does():
+    two, one = moved_claims(BEFORE, AFTER, PUBLISHED)
+    assert (two.component, two.verdict_before, two.verdict_after) == ("mean[2]", "reproduced", "differs")
+    assert two.sigmas == pytest.approx(2.0 / math.hypot(0.4, 0.4)), "a claim that only one evaluates has not moved"
+    assert (one.component, one.turned, one.verdict_after) == ("mean[1]", False, "reproduced")
 
 
-def test_numbers_that_keep_their_verdicts_come_by_standard_errors_then_without():
+def test_where_no_number_has_a_verdict_that_changes_the_one_is_told_that_moves_most():
+    after = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "holds"), ("reproduced", "reproduced"))
+    first = moved_claims(BEFORE, after, PUBLISHED)[0]
+    assert (first.component, first.verdict_before, first.verdict_after) == ("mean[2]", "reproduced", "differs")
+
+
+def test_numbers_come_by_what_noise_and_rounding_explain_whether_they_have_sampling_errors_or_not():
     after = side("mine", (1.9, 2.4), 5.2, ("reproduced", "reproduced", "holds"))
     moved = moved_claims(BEFORE, after, PUBLISHED)
-    assert [one.component for one in moved] == ["mean[1]", "mean[2]", "peak"]
-    assert [one.sigmas for one in moved] == pytest.approx([0.9 / 0.3 / 2**0.5, 1.0 / 2**0.5, math.nan], nan_ok=True)
-    assert moved[2].counts, "a deterministic number moves if it moves by more than half a printed digit"
+    assert [one.component for one in moved] == ["peak", "mean[1]", "mean[2]"], (
+        "4 halves of a digit; 0.7 and 0.2 of noise"
+    )
+    assert [one.sigmas for one in moved] == pytest.approx([math.nan, 0.9 / 0.3 / 2**0.5, 1.0 / 2**0.5], nan_ok=True)
+    assert moved[0].counts, "a deterministic number moves if it moves by more than half a printed digit"
+    assert [apart(one) for one in moved] == ["no sampling error", "2.1 standard errors", "0.7 standard errors"]
 
 
 def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
-    after = BEFORE._replace(verdicts={"mean": "reproduced", "later": "holds"})
+    after = replace(BEFORE, verdicts={"mean": "reproduced", "later": "holds"})
     assert moved_claims(BEFORE, after, PUBLISHED) == []
     assert difference(BEFORE, after, PUBLISHED).alone == ["calm", "later", "peak"]
 

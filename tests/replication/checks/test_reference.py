@@ -35,7 +35,8 @@ ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 def owned(*noise):
     """Stands for `Shared`: a paper with one reading and one artifact."""
     paper = SimpleNamespace(slug=SLUG, noise=noise)
-    study = SimpleNamespace(built=("corrected",), own_readings=frozenset())
+    readings = dict.fromkeys(("corrected", "printed"))
+    study = SimpleNamespace(built=("corrected",), own_readings=frozenset(), readings=readings)
     return {SLUG: SimpleNamespace(paper=paper, study=study, claimed=lambda reading: {"nominal": ARTIFACT})}
 
 
@@ -46,6 +47,17 @@ class Thing:
     mass: np.ndarray = fields.quantity("kg", ("time",), "mass")
     iterations: int = fields.quantity("1", (), "iterations")
     name: str = fields.quantity("1", (), "a name, which is not a number")
+
+
+STATE = fields.Axis("state", downrange="m", mass="kg")
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Final states of single trials."""
+
+    final_state: np.ndarray = fields.quantity(STATE.unit, ("trials", STATE), "final states")
+    other: np.ndarray = fields.quantity("m", ("trials", "column"), "what has no components with names")
 
 
 @pytest.fixture
@@ -64,6 +76,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
+    monkeypatch.setattr("marsedl.replication.checks.universes.compare_universes", lambda root, build, papers: True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -128,6 +141,18 @@ def test_counts_may_jump_a_little():
     assert margin("a", reduced(100, kind=int), reduced(round(100 * (1 + COUNT_TOLERANCE)) + 3, kind=int)) > 1
 
 
+@pytest.mark.parametrize("values", [(True,), (True, False, True), (True, *[False] * 100_000)])
+def test_a_truth_value_has_no_tolerance_whichever_side_knows_that_it_is_one(values):
+    """Alone, of several statements, and one of many flights."""
+    true, other = reduced(*values, kind=bool), reduced(*(not values[0], *values[1:]), kind=bool)
+    assert margin("a", true, true) == 0.0
+    assert margin("a", true, other) == np.inf
+    for side in (true, other):  # as references held it before, and as a build that gives whole numbers has it
+        without = {key: of for key, of in side.items() if key != "truth"}
+        assert margin("a", without, true if side is other else other) == np.inf
+        assert margin("a", true if side is other else other, without) == np.inf
+
+
 def test_permutations_shapes_and_lost_numbers_are_seen():
     assert margin("a", reduced(1.0, 2.0, 3.0), reduced(3.0, 2.0, 1.0)) > 1
     assert margin("a", reduced(1.0, 2.0), reduced(1.0, 2.0, 3.0)) == np.inf
@@ -141,8 +166,13 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
     output = verified(capsys, 0)
     assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in output
-    assert "0 missing; none moved" in output
+    assert "0 missing; every number as accepted" in output
     assert "marsedl accept" not in output
+
+
+def test_universes_that_differ_or_are_not_compared_fail(project, monkeypatch):
+    monkeypatch.setattr("marsedl.replication.checks.universes.compare_universes", lambda root, build, papers: False)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
 
 
 def test_rounding_is_tolerated_and_more_is_not(project, capsys):
@@ -162,16 +192,58 @@ def test_rounding_is_tolerated_and_more_is_not(project, capsys):
 
 
 def test_a_changed_verdict_fails_and_stands_first(project, capsys):
-    """Though its number is within tolerance: that of a statement is true or false."""
+    """Though its number is the same."""
     stored(project, scale=1.1)
     claim(project, 1349.4, verdict="close", in_printed="fails")
     output = verified(capsys, 1)
     assert "2 verdicts changed, 1 number beyond tolerance" in output
     header, first, second, third = output.splitlines()[1:5]
     assert header.split() == ["claim", "or", "field", "accepted", "now", "apart"]
-    assert first.split() == ["x", "(verdict", "of", "final_mass,", "corrected)", "differs", "close", "0", "tolerances"]
+    assert first.split() == ["x", "(verdict", "of", "final_mass,", "corrected)", "differs", "close", "same", "number"]
     assert second.split() == ["x", "(verdict", "of", "final_mass,", "printed)", "–", "fails"]
     assert third.startswith("  and 1 number of 1 artifact")
+
+
+def test_a_truth_value_that_turns_is_told_as_one_and_the_worst_margin_says_something(project, capsys):
+    claim(project, True, verdict="holds")
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
+    verified(capsys, 0)
+    claim(project, False, verdict="holds")
+    output = verified(capsys, 1)
+    assert "0 verdicts changed, 1 number beyond tolerance" in output
+    assert "another truth value or shape (claims/final_mass/corrected)" in output
+    (row,) = [line.split() for line in output.splitlines() if "final_mass/corrected" in line and "(x" not in line][1:]
+    assert row == ["x", "(final_mass/corrected)", "true", "false"]
+    assert cli.main(["accept"]) == 0
+    assert reference_of(project)["claims/final_mass/corrected"]["numbers"][0] == 0.0
+
+
+def test_accept_marks_a_truth_value_of_an_earlier_reference_as_one(project):
+    claim(project, True, verdict="holds")
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    path.write_text(path.read_text(encoding="utf-8").replace(', "truth": true', ""), encoding="utf-8")
+    entries = {name: entry for name, entry in reference_of(project).items() if name}
+    path.write_text(json.dumps(entries), encoding="utf-8")
+    assert "truth" not in entries["claims/final_mass/corrected"]
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
+    assert reference_of(project)["claims/final_mass/corrected"]["truth"] is True
+
+
+def test_single_trials_are_compared_by_component(tmp_path):
+    """A scatter in metres that grows by a tenth moves no moment of all states beside a mass of a ton."""
+    states = np.random.Generator(np.random.Philox(key=1)).normal([0.0, 1349.0], [2e-4, 1.0], (1000, 2))
+    files = {}
+    for name, scale in (("before", 1.0), ("after", 1.1)):
+        files[name] = tmp_path / f"{name}.h5"
+        flown = Flights(states * [scale, 1.0], states[:, :1])
+        store.save(files[name], flown, paper=SLUG, reading="corrected", provenance={})
+    before, after = (reference._reduced_fields(path) for path in files.values())
+    assert before.keys() == {"final_state", "final_state[downrange]", "final_state[mass]", "other"}
+    moved = {name for name in before if margin(name, before[name], after[name]) > 1}
+    assert moved == {"final_state[downrange]"}
+    same = reference.compare(before, after, noise=["final_state"])
+    assert not same.changes, "of what rounding decides, components are compared by shape too"
 
 
 def test_claims_that_are_new_or_gone_fail(project, capsys):
@@ -269,9 +341,49 @@ def test_another_size_and_readings_that_are_not_built_are_said_in_a_line(project
         reference.check_size(project, [SLUG, "not_accepted"], None, "smoke")
     claim(project, 1349.4, in_printed="differs")
     reference.accept_reference(project, project, owned(), {SLUG: MADE})
+    shared = owned()
+    del shared[SLUG].study.readings["printed"]
+    with pytest.raises(InputError, match=r"has printed, which is not configured here; give the --configfile"):
+        reference.compare_reference(project, project, shared, {SLUG: MADE})
+
+
+def test_an_older_claims_file_is_not_said_to_lack_a_configuration(project, capsys):
+    """Its reading is configured; what is gone is its verdict."""
+    claim(project, 1349.4, in_printed="differs")
+    reference.accept_reference(project, project, owned(), {SLUG: MADE})
     claim(project, 1349.4)
-    with pytest.raises(InputError, match=r"has printed, not built here; give the --configfile"):
+    assert not agrees(project)
+    assert "1 verdict changed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["{}", '{"published/final_mass": "1346 kg"}', '{"verdicts/final_mass": {}}'])
+def test_a_reference_without_verdicts_guards_nothing(project, text):
+    (project / "data" / "reference" / f"{SLUG}.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="holds no verdict, so nothing would be compared"):
         agrees(project)
+
+
+@pytest.mark.parametrize(("old", "new"), [('"differs"', '"reproduced"'), ("1349.4", "1349.5"), ('"E10"', '"E11"')])
+def test_a_reference_that_was_edited_is_told_apart_from_a_build_that_moved(project, capsys, old, new):
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(json.dumps(json.loads(text), indent=3), encoding="utf-8")
+    verified(capsys, 0)
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    assert cli.main(["verify", "--no-rebuild"]) == (2 if old in text else 0)
+    said = capsys.readouterr().err
+    assert old not in text or f"{path} was edited after 'marsedl accept' wrote it; restore it" in said
+
+
+def test_a_reading_that_is_not_configured_is_left_out_and_said(project, capsys):
+    """The claims of a build with a user's own reading, compared without it; accepted without it."""
+    shared = owned()
+    del shared[SLUG].study.readings["printed"]
+    claim(project, 1349.4, in_printed="differs")
+    assert reference.compare_reference(project, project, shared, {SLUG: MADE})
+    assert "note: reading printed is not configured here, and not compared" in capsys.readouterr().out
+    reference.accept_reference(project, project, shared, {SLUG: MADE})
+    assert reference_of(project)["verdicts/final_mass"] == {"corrected": "differs"}
 
 
 def test_a_reading_of_ones_own_without_reference_is_a_note(project, capsys):
@@ -318,7 +430,7 @@ def test_numbers_within_tolerance_keep_their_digits(project):
     reference.accept_reference(project, project, owned(), {SLUG: MADE})
     now = path.read_text(encoding="utf-8")
     changes = set(now.splitlines()) ^ set(before.splitlines())
-    assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations"}
+    assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations", ""}, "and the digest of all"
 
 
 def test_an_unexplained_verdict_is_not_accepted(project, capsys):
@@ -426,6 +538,19 @@ def test_the_second_build_makes_one_paper_and_the_corrected_flights_of_others(
     output = capsys.readouterr().out
     assert f"3 products, 2 of them built twice, {0 if equal else 2} differ" in output
     assert (f"marsedl diff build/verify/0/build/smoke/{product}" in output) != equal
+
+
+def test_a_second_build_without_products_proves_nothing(project, monkeypatch, capsys):
+    def fake(folder, target, *arguments, **environment):
+        figures = build_folder(folder, "smoke") / "figures"
+        figures.mkdir(parents=True)
+        if target == "all":
+            (figures / "x.csv").touch()
+        return subprocess.CompletedProcess(arguments, 0, "", "")
+
+    monkeypatch.setattr(twice, "snakemake", fake)
+    assert not twice.build_twice(project)
+    assert "1 products, 0 of them built twice, 0 differ" in capsys.readouterr().out
 
 
 def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):

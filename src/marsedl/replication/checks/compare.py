@@ -3,14 +3,15 @@
 import base64
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.rows import read_claims
+from marsedl.replication.claims.thresholds import SIGMAS
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
@@ -19,20 +20,17 @@ from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.report.one_line import with_unit
-from marsedl.replication.universes.table import VERDICTS, Numbers, Universes, components_of, decoded, numbers_of
-from marsedl.replication.universes.what_if import Moved, moves_of
+from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.table import Universes, components_of, held
+from marsedl.replication.universes.what_if import (
+    Moved,
+    Side,
+    moves_of,
+    numbers_of_reading,
+    side_of_universe,
+)
 
 _TEMPLATE = Path(__file__).with_name("compare.html.j2")
-
-
-class Side(NamedTuple):
-    """One of the two that are compared: inputs or choices as they are written, and what the claims give."""
-
-    name: str
-    inputs: Mapping[str, str]
-    verdicts: Mapping[str, str]
-    numbers: Numbers
-    figures: Path | None = None
 
 
 class Difference(NamedTuple):
@@ -61,7 +59,7 @@ def side_of(name: str | int, study: Study, build: Path) -> Side:
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
     numbers = {}
     for row in rows:
-        numbers |= numbers_of(row, results[row.id]) if row.id in results else {}
+        numbers |= numbers_of_reading(row, results[row.id]) if row.id in results else {}
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
@@ -85,58 +83,78 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
     inputs = study.readings[name].inputs
     other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
              for key, value in used.items() if own.get(key) != value}  # fmt: skip
-    return side._replace(name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
+    return replace(side, name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
 
 
 def of_universe(number: int, study: Study, path: Path) -> Side:
-    """Return a universe of a build; path: the table of universes."""
+    """Return a universe of a build; path: the table of universes.
+
+    Raises InputError if there is no table, if it has no such universe, or if it is of other choices.
+    """
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
-    table = store.load(path, Universes, paper=study.paper)
-    places = np.flatnonzero(table.number == number)
-    if not places.size:
+    table, universe = store.load(path, Universes, paper=study.paper), held(path, study, number)
+    if universe is None:
         first = ", ".join(map(str, table.number[:3]))
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
-    if table.assignment.shape[1] != len(study.choices):
-        raise InputError(f"{path} has other choices than this project; build it again")
-    at = int(places[0])
-    values = {name: f"{value:.4g}" if isinstance(value, float) else str(value)
-              for name, value in decoded(study.choices, table.assignment[at]).items()}  # fmt: skip
-    of = zip(table.component, table.value[at], table.error[at], table.limit[at], strict=True)
-    verdicts = {str(name): VERDICTS[code] for name, code in zip(table.claim, table.verdict[at], strict=True)}
-    numbers = {str(label): (float(v), float(e), float(m)) for label, v, e, m in of if math.isfinite(v)}
-    return Side(f"universe {number}", values, verdicts, numbers)
+    published = load_published(study.root / "data" / "published" / f"{study.paper}.yaml")
+    judge = Judge(table, study.choices, published, claims_of(study.paper).declarations)
+    values = study.choices.complete(universe.assignment).items()
+    written = {name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in values}
+    return side_of_universe(judge, number, f"universe {number}", written)
 
 
 def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
-    """Return what moves of the claims that both evaluate: verdicts first, then by standard errors."""
+    """Return what moves of the claims that both judge: verdicts first, then by what noise and rounding explain.
+
+    Each number has its own verdict. Where that on the claim changes and that on no number does, the number is told that
+    moves most. A claim that fails to give a result is told with its sentence.
+    """
     found = []
     for claim in published:
         old, new = (side.verdicts.get(claim.id, "none") for side in (before, after))
         if "none" in (old, new):
+            if old != new and (sentence := after.failures.get(claim.id, "")):
+                nothing = math.nan, math.nan, 0.0
+                found.append(Moved(claim.id, claim.id, *nothing, old, new, math.nan, sentence=sentence))
             continue
-        moves = sorted(moves_of(claim, before.numbers, after.numbers, old, new), key=_largest_first)
-        if old != new:
-            found += moves[:1]  # of a verdict that changes, the number that moves most
-        else:  # what the last digits do is no move
-            found += [one for one in moves if one.size > 0.0 and not math.isclose(one.before, one.after)]
+        moves = sorted(moves_of(claim, before, after), key=_largest_first)
+        turned = [one for one in moves if one.turned]
+        if old != new and not turned:
+            turned = [replace(moves[0], verdict_before=old, verdict_after=new)]
+        # What the last digits do is no move.
+        rest = [one for one in moves if not one.turned and one.size > 0.0 and not math.isclose(one.before, one.after)]
+        found += turned + [one for one in rest if one.component not in {other.component for other in turned}]
     return sorted(found, key=_largest_first)
 
 
 def in_digits(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
     """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
-    units, at = claim.unit.split(", "), [label for label, *_ in components_of(claim)].index(one.component)
+    labels = [claim.id + label for label, *_ in components_of(claim)]
+    units, at = claim.unit.split(", "), labels.index(one.component)
     unit = units[at % len(units)]
     for digits in (4, 6, 10):
         texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
         if len({*texts}) == 2:
             break
     first, second = ("no number" if text == "nan" else with_unit(text, unit) for text in texts)
+    if not one.same_test:  # of which no difference means anything
+        first, second = f"{first} (limit {one.limit_before:.4g})", f"{second} (limit {one.limit_after:.4g})"
     return first, second
 
 
+def apart(one: Moved) -> str:
+    """Return how far two numbers are apart, in words."""
+    if not one.same_test:
+        return "another test decides"
+    if not math.isfinite(one.before - one.after):
+        return ""
+    distance = f"{one.sigmas:.1f} standard errors" if one.error > 0.0 else "no sampling error"
+    return f"{distance}, turns within noise" if one.turned and one.sigmas < SIGMAS else distance
+
+
 def _largest_first(one: Moved) -> tuple:
-    return not one.turned, -np.nan_to_num(one.sigmas), -np.nan_to_num(one.size)
+    return not one.turned, -(0.0 if math.isnan(one.size) else one.size)
 
 
 def named(name: str, study: Study) -> tuple[Path | None, str | int]:
@@ -184,6 +202,7 @@ def write_page(
         pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
         left_out=[stem for stem in pairs if stem not in shown],
         in_digits=in_digits,
+        apart=apart,
         words=in_words,
     )
     path.parent.mkdir(parents=True, exist_ok=True)

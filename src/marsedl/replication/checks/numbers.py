@@ -1,19 +1,19 @@
 """The gate for any table of numbers: the columns name, value, unit and standard_error against a stored reference."""
 
 import csv
-import json
 import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from marsedl.replication.claims.committed import entries_text, read_entries
 from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
 from marsedl.replication.terminal import columns, summarize
 
 ROUNDING = 1e-6  # of the accepted value: no tolerance is smaller
-GROWN = 2.0  # a standard error that grows by more is said, as it widens the tolerance
+GROWN, OUTGROWN = 2.0, 10.0  # a standard error widens the tolerance: growth beyond the first is said, the second fails
 
 
 class Entry(NamedTuple):
@@ -52,16 +52,21 @@ def read_table(path: Path) -> dict[str, Entry]:
 
 
 def read_reference(path: Path) -> dict[str, Entry]:
-    """Return a reference that `accept` wrote; raises InputError with the remedy if it is missing or malformed."""
+    """Return a reference that `accept` wrote; raises InputError with the remedy if it is missing, empty or malformed.
+
+    Raises MarsedlError if it was edited.
+    """
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-        return {name: _entry(entry, f"{path}: {name}") for name, entry in entries.items()}
+        entries = {name: _entry(entry, f"{path}: {name}") for name, entry in read_entries(path).items()}
     except FileNotFoundError:
         command = f"marsedl accept --numbers TABLE --reference {path}"
         raise InputError(f"{path} is missing; write it with '{command}'") from None
     except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
         remedy = "restore it, or accept the table again"
         raise InputError(f"{path}: is no reference of numbers ({error}); {remedy}") from None
+    if not entries:
+        raise InputError(f"{path}: holds no numbers, so nothing would be compared; accept the table again")
+    return entries
 
 
 def _entry(row: Mapping, place: str) -> Entry:
@@ -90,24 +95,22 @@ def accept_numbers(table: Path, path: Path) -> str:
     if path.is_dir():
         example = path / "numbers.json"
         raise InputError(f"{path} is a folder; --reference takes a file with --numbers, such as {example}")
-    lines = [f" {json.dumps(name)}: {json.dumps(entry._asdict())}" for name, entry in found.items()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
+    write_text(path, entries_text({name: entry._asdict() for name, entry in found.items()}))
     return f"wrote {path}: {len(found)} numbers of {table}"
 
 
 def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
     """Compare a table with its reference; prints what differs, worst first.
 
-    A number may move by some standard errors of the difference, and by rounding. A unit that changes and a number that
-    is gone fail; a number that is new is said.
+    A number may move by some standard errors of the difference, and by rounding. A unit that changes, a number that is
+    gone, an exact one that gains a standard error and an error that grows beyond ten times fail, as the table must not
+    set its own tolerance; a number that is new is said.
     """
     found, accepted, moved, notes = read_table(table), read_reference(path), [], []
     for name, old in accepted.items():
         new = found.get(name)
-        if new is None or new.unit != old.unit:
-            what = "it is gone" if new is None else "another unit"
-            moved.append((math.inf, (name, str(old), str(new or "–"), what)))
+        if refused := _refusal(old, new):
+            moved.append((math.inf, (name, str(old), str(new or "–"), refused)))
             continue
         error, floor = math.hypot(old.standard_error, new.standard_error), ROUNDING * abs(old.value)
         apart, far = abs(new.value - old.value), max(standard_errors * error, floor)
@@ -118,7 +121,7 @@ def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
             notes.append(f"{name}: its standard error grew from {old.standard_error:.2g} to {new.standard_error:.2g}")
     notes += [f"{name}: new, not guarded before it is accepted" for name in found if name not in accepted]
     limit = f"{standard_errors:g} standard errors"
-    parts = [f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ by more than {limit}"]
+    parts = [f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ (tolerance: {limit})"]
     if moved:
         rows = [row for _, row in sorted(moved, key=lambda one: -one[0])]
         parts.append(columns([("name", "accepted", "now", ""), *rows], 2))
@@ -128,3 +131,14 @@ def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
     if moved:
         print(f"if this is meant, run 'marsedl accept --numbers {table} --reference {path}'")
     return not moved
+
+
+def _refusal(old: Entry, new: Entry | None) -> str:
+    """Say why a number is refused whatever its value."""
+    if new is None:
+        return "it is gone"
+    if new.unit != old.unit:
+        return "another unit"
+    if new.standard_error > 0 == old.standard_error:
+        return "it was exact"
+    return f"its error grew beyond {OUTGROWN:g} times" * (new.standard_error > OUTGROWN * old.standard_error)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.pipeline.sharing import Shared
+from marsedl.replication.records.fields import TRIALS
 from marsedl.replication.records.recipes import recipe_digest
 from marsedl.replication.records.store import holds_field, opened
 from marsedl.replication.terminal import columns, summarize
@@ -31,6 +32,7 @@ RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding
 SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
 RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
+TRUTH_ROUNDING = 1e-9  # of the moments of truth values, which have no tolerance
 NOT_TURNED = "not turned"  # of a claim without a counterexample that works
 _NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
 TURNED, TURNED_MARKER = Path("docs/verdicts.md"), "<!-- turned: written by marsedl accept -->"
@@ -111,13 +113,24 @@ def _reduced_fields(path: Path) -> dict[str, dict]:
     """The reduced fields of an artifact that are numbers; none of one that is missing."""
     if not path.exists():
         return {}
+    found = {}
     with opened(path) as file:
-        fields = {name: file[name] for name in sorted(file) if holds_field(file, name)}
-        return {name: _reduced(np.array(field)) for name, field in fields.items() if field.dtype.kind in "fiub"}
+        for name in filter(partial(holds_field, file), sorted(file)):
+            field = file[name]
+            if field.dtype.kind not in "fiub":
+                continue
+            array = np.array(field)
+            found[name] = _reduced(array)
+            # Of single trials by component: beside a mass of a ton, no moment of all would see a scatter in metres.
+            scales = field.dims[array.ndim - 1].values() if TRIALS in field.attrs["dimensions"] else ()
+            labels = [label for scale in scales if scale.dtype.kind == "O" for label in scale.asstr()[()]]
+            found |= {f"{name}[{label}]": _reduced(array[..., place]) for place, label in enumerate(labels)}
+    return found
 
 
 def _reduced(array: np.ndarray) -> dict:
     """Shape, kind and a few moments of an array; the weighted mean sees permutations."""
+    kind = {"counts": array.dtype.kind in "iub", **({"truth": True} if array.dtype.kind == "b" else {})}
     values = array.astype(float).ravel()
     values = values[np.isfinite(values)]
     if not values.size:
@@ -126,15 +139,22 @@ def _reduced(array: np.ndarray) -> dict:
     root_mean_square = largest * np.sqrt(np.mean((values / largest) ** 2))
     weighted = np.average(values, weights=np.linspace(1.0, 2.0, values.size))
     numbers = [float(n) for n in (root_mean_square, values.mean(), weighted, values.min(), values.max())]
-    return {"shape": list(array.shape), "counts": array.dtype.kind in "iub", "numbers": numbers}
+    return {"shape": list(array.shape), **kind, "numbers": numbers}
+
+
+def _field(name: str) -> str:
+    """The field of a component."""
+    return name.partition("[")[0]
 
 
 def margins_of(name: str, reference: Mapping, values: Mapping) -> np.ndarray:
-    """Return how far each number of a field moved, in tolerances; infinite for another shape."""
+    """Return how far each number of a field moved, in tolerances; infinite for another shape or truth value."""
     if reference["shape"] != values["shape"] or len(reference["numbers"]) != len(values["numbers"]):
         return np.array([np.inf])
     a, b = np.array(reference["numbers"]), np.array(values["numbers"])
-    size = max([*a[:1], 1.0 if name.endswith(RESIDUALS) else SMALLEST_SCALE])
+    if "truth" in {*reference, *values}:
+        return np.where(np.abs(a - b) > TRUTH_ROUNDING, np.inf, 0.0)
+    size = max([*a[:1], 1.0 if _field(name).endswith(RESIDUALS) else SMALLEST_SCALE])
     tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a) if reference["counts"] else RELATIVE_TOLERANCE * size
     return np.abs(a - b) / tolerance
 
@@ -173,7 +193,7 @@ def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> Co
         old, new, moved = reference.get(name), build.get(name), np.array([np.inf])
         if old and new:
             expected = old
-            if any(fnmatchcase(name, pattern) for pattern in noise):
+            if any(fnmatchcase(_field(name), pattern) for pattern in noise):
                 by_shape.add(name)
                 expected = {**old, "numbers": new["numbers"]}
             moved = margins_of(name, expected, new)
@@ -207,6 +227,8 @@ def _described(entry: Mapping | None, moment: int) -> str:
     if moment >= len(entry["numbers"]):
         return f"shape {entry['shape']}, no finite number"
     number = f"{entry['numbers'][moment]:.10g}"
+    if entry.get("truth") and not entry["shape"]:
+        return "true" if entry["numbers"][moment] else "false"
     return f"shape {entry['shape']}, {MOMENTS[moment]} {number}" if entry["shape"] else number
 
 
@@ -228,6 +250,8 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
         if np.isfinite(change.margin) and error and isinstance(error, int | float):
             off = abs(float(change.new) - float(change.old)) / float(np.sqrt(2.0) * error)
             apart = f"{off:.3g} standard errors"
+        elif change.of and change.margin == 0.0:
+            apart = "same number"
         elif np.isfinite(change.margin):
             apart = f"{change.margin:.3g} tolerances"
         name = change.name.removeprefix(_CLAIMS)
@@ -259,7 +283,8 @@ def compare_reference(
 
     folder: holds a reference of the user's own; without it, the build is compared with the committed numbers and
     counterexamples, and is refused as well if a verdict is not explained.
-    Raises InputError if the reference has readings that are not built.
+    Readings of the build's claims that no configuration names are left out, and said.
+    Raises InputError if the reference has readings that no configuration names, or no verdict at all.
     """
     reasons, tables, details, agree = [], [], [], True
     for slug, shared in papers.items():
@@ -267,13 +292,18 @@ def compare_reference(
         rows, found, refused = _found(build, shared, folder)
         if accepted := reference.pop(BUILD, None):
             reasons += [f"  {slug}, {line}" for line in causes(accepted, made[slug])]
-        if lost := _readings_of(reference) - _readings_of(found):
-            has = f"{committed.reference_file(root, slug, folder)} has {', '.join(sorted(lost))}"
-            raise InputError(f"{has}, not built here; give the --configfile that holds it, or accept")
+        known, path = shared.study.readings, committed.reference_file(root, slug, folder)
+        if not _readings_of(reference):
+            raise InputError(f"{path} holds no verdict, so nothing would be compared; restore it, or accept again")
+        if lost := _readings_of(reference) - known.keys():
+            has = f"{path} has {', '.join(sorted(lost))}, which is not configured here"
+            raise InputError(f"{has}; give the --configfile that holds it, or accept")
         new = (_readings_of(found) - _readings_of(reference)) & shared.study.own_readings
         comparison = compare(reference, _without(found, new), shared.paper.noise)
         lines = [_summary(slug, comparison), *(f"  {text}" for text in refused)]
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
+        beside = dict.fromkeys(name for row in rows for name in row.readings if name not in known)
+        lines += [f"  note: reading {name} is not configured here, and not compared" for name in beside]
         if comparison.changes:
             lines.append(format_changes(comparison, rows, all_of_them=all_of_them))
             details.append(format_changes(comparison, rows))
@@ -331,10 +361,9 @@ def accept_reference(root: Path, build: Path, papers: Papers, made: Made, folder
             verdicts = sum(len(entry) for name, entry in found.items() if name.startswith(VERDICTS))
             numbers = sum(not name.startswith(_TEXTS) for name in found)
             print(f"{slug}: first reference of size {made[slug]['size']}: {verdicts} verdicts, {numbers} numbers")
-        found |= {name: reference[name] for name, margin in comparison.margins.items() if margin <= 1}
-        stored = {BUILD: made[slug], **found}
-        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in stored.items()]
-        texts[path] = "{\n" + ",\n".join(lines) + "\n}\n"
+        kept = [name for name, margin in comparison.margins.items() if margin <= 1]
+        found |= {name: reference[name] for name in kept if reference[name].keys() == found[name].keys()}
+        texts[path] = committed.entries_text({BUILD: made[slug], **found})
         changes = [change for change in comparison.of(VERDICTS) if change.old != _NOTHING]
         turned += [(slug, change) for change in changes if change.name.endswith(f", {CORRECTED}")]
     if turned and folder is None and (root / TURNED).exists():
@@ -368,6 +397,8 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
 def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim], dict[str, dict | str], list[str]]:
     """A build's claims, what of it is compared with a reference, and which verdicts are refused.
 
+    Readings that no configuration names are not compared: who builds with one of their own leaves them in the claims.
+
     With the committed reference, what each counterexample turns a verdict into is compared, too, and verdicts without
     the reason that they need are refused.
     """
@@ -376,6 +407,7 @@ def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim
     for reading in sorted(shared.study.built):
         files |= {f"{reading}/{name}": build / file for name, file in sorted(shared.claimed(reading).items())}
     entries = fingerprints(rows, files)
+    entries = _without(entries, _readings_of(entries) - shared.study.readings.keys())
     if folder is not None:
         return rows, entries, []
     turned = read_parts(Counterexample, build / f"report/counterexamples/{slug}.json")
@@ -390,7 +422,9 @@ def _summary(slug: str, comparison: Comparison) -> str:
     worst = max(margins, key=margins.get, default="none of them was built")
     beyond = sum(margin > 1 for margin in margins.values())
     furthest = f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
-    moved = furthest if any(margins.values()) or not margins else "none moved"
+    if np.isinf(margins.get(worst, 0.0)):
+        furthest = f"another truth value or shape ({worst})"
+    moved = furthest if any(margins.values()) or not margins else "every number as accepted"
     return (
         f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, "
         f"{plural(len(comparison.of(VERDICTS)), 'verdict')} changed, "

@@ -61,7 +61,6 @@ read verdicts: marsedl explain {slug} --size smoke
 test it:       pytest tests/papers/test_{slug}.py
 replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where
 tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time
-when its inputs are as they should be: make schemas
 CITATION.cff: add a reference
 after a full build that you have looked at, with its line in README.md: marsedl accept"""
 

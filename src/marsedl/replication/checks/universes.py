@@ -1,67 +1,82 @@
 """The committed run of universes: a build recomputes a sample of it."""
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
-
+from marsedl.replication.errors import ArtifactError
 from marsedl.replication.records import store
+from marsedl.replication.terminal import summarize
 from marsedl.replication.universes.judging import COMMITTED, of_one_world
-from marsedl.replication.universes.table import Universes
+from marsedl.replication.universes.table import Universes, changed
 
 BUILT, WAVES = "report/universes/{}.h5", "report/universes/waves/{}.h5"
-TOLERANCE = 1e-6  # of the largest size of a number over all universes
+
+
+class Compared(NamedTuple):
+    """How many universes of a paper were compared, which of them differ in what, and all of it or why not in words."""
+
+    said: str
+    universes: int = 0
+    moved: Mapping[int, str] = {}
 
 
 def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
-    """Compare the universes of a build with those of the same numbers in the committed runs; prints a line a paper.
+    """Compare the universes of a build with the committed runs; prints what was compared, and what not and why.
 
-    A committed run of other inputs or code is named, and fails nothing.
+    Returns whether none differs and some were compared. Raises as `compared` does.
     """
-    agree = True
-    for slug in slugs:
-        committed, built = root / COMMITTED / f"{slug}.h5", build / BUILT.format(slug)
-        if not committed.exists() or not built.exists():
-            continue
-        if not of_one_world(committed, built):
-            print(f"{slug}: the committed universes are of other inputs or code; see docs/universes.md to renew them")
-            continue
-        large, small = (store.load(path, Universes, paper=slug) for path in (committed, built))
-        moved = changed(large, small)
-        print(f"{slug}: {len(small.number)} universes compared with {len(large.number)} committed, {len(moved)} differ")
-        for number, what in moved.items():
-            print(f"  {slug}: universe {number}: {what}")
-        agree = agree and not moved
-    return agree
+    found, lines = {slug: compared(root, build, slug) for slug in slugs}, []
+    for slug, one in found.items():
+        lines.append(f"{slug}: {one.said}")
+        lines += [f"  {slug}: universe {number}: {what}" for number, what in one.moved.items()]
+    if not (some := any(one.universes for one in found.values())):
+        lines.append("no paper's universes were compared, which proves nothing; see docs/universes.md")
+    print("\n".join(lines))
+    summarize("\n".join(lines))
+    return some and not any(one.moved for one in found.values())
 
 
-def changed(large: Universes, small: Universes) -> dict[int, str]:
-    """Return the universes of the smaller table that are not as in the larger one, by number, and what differs."""
-    places = {int(number): at for at, number in enumerate(large.number)}
-    sizes = np.nanmax(np.abs(large.value), axis=0, initial=0.0, where=np.isfinite(large.value))
-    found = {}
-    for at, number in enumerate(map(int, small.number)):
-        if (other := places.get(number)) is None:
-            found[number] = "is not among them"
-        elif not np.array_equal(large.assignment[other], small.assignment[at], equal_nan=True):
-            found[number] = "has other choices"
-        elif (where := np.flatnonzero(large.verdict[other] != small.verdict[at])).size:
-            found[number] = f"has another verdict on {small.claim[where[0]]}"
-        else:
-            a, b = large.value[other], small.value[at]
-            off = (np.abs(a - b) > TOLERANCE * sizes) | (np.isnan(a) != np.isnan(b))
-            if off.any():
-                found[number] = f"has another number of {small.component[np.flatnonzero(off)[0]]}"
-    return found
+def compared(root: Path, build: Path, slug: str) -> Compared:
+    """Compare the universes of a paper's build with those of the same numbers in its committed run.
+
+    Raises ArtifactError, which names file and remedy, if one of the two is damaged or another paper's, or if the build
+    has none.
+    """
+    built, run = build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
+    small, remedy = store.load(built, Universes, paper=slug), f"restore it with 'git checkout {COMMITTED}/{slug}.h5'"
+    if not run.exists():
+        return Compared("universes not compared: there is no committed run")
+    try:
+        with store.opened(run) as file:
+            owner = file.attrs["paper"]
+    except ArtifactError as error:
+        raise ArtifactError(f"{str(error).removesuffix(store.REBUILD)}{remedy}") from None
+    if owner != slug:
+        raise ArtifactError(f"{run}: is of the paper '{owner}', not '{slug}': {remedy}")
+    if not of_one_world(run, built):
+        other = "the committed run is of other inputs or code; see docs/universes.md to renew it"
+        return Compared(f"universes not compared: {other}")
+    large = store.load(run, Universes)
+    moved = changed(large, small)
+    counts = f"{len(small.number)} universes compared with {len(large.number)} committed, {len(moved)} differ"
+    return Compared(counts, len(small.number), moved)
 
 
 def accept_universes(root: Path, build: Path, slugs: Iterable[str]) -> list[Path]:
-    """Store the runs of `snakemake multiverse` that are of the build's inputs and code; returns the files."""
+    """Store the runs of `snakemake multiverse` that are of the build's inputs and code; returns the files.
+
+    Prints which run is not stored because it is of others.
+    """
     stored = []
     for slug in slugs:
         waves, built, path = build / WAVES.format(slug), build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
-        if waves.exists() and built.exists() and of_one_world(waves, built):
+        if not waves.exists() or not built.exists():
+            continue
+        if not of_one_world(waves, built):
+            print(f"{slug}: {waves} is not stored: it is of other inputs or code; run 'snakemake multiverse'")
+        else:
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(waves, path)
             stored.append(path)
