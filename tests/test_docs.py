@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from pkgutil import walk_packages
 
+import pandas as pd
 import pytest
 import yaml
 
@@ -80,6 +81,28 @@ def test_links_lead_to_files_that_exist():
             if target.startswith("../../actions/"):  # of the hosting site, which makes it from this file
                 target = str(ROOT / ".github" / target.removeprefix("../../actions/").removesuffix("/badge.svg"))
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_what_a_build_takes_is_as_it_was_measured():
+    """In `data/reference/costs.csv`, which `bench/costs.py` writes after a full build on an idle machine."""
+    costs = pd.read_csv(ROOT / "data" / "reference" / "costs.csv").set_index(["where", "what"])
+    whole, universes = costs.loc[("all", "sum")], costs.query("what in ('universes', 'what_decides', 'waves')")
+    readme, scaling = (" ".join((ROOT / name).read_text("utf-8").split()) for name in ("README.md", "docs/scaling.md"))
+    share, largest, longest = (
+        float(re.search(words, text)[1])
+        for words, text in (
+            (r"Some (\d+) % of the computing is universes", readme),
+            (r"largest job of a whole build takes (\d+) MB", scaling),
+            (r"and the longest (\d+) seconds on two busy cores", scaling),
+        )
+    )
+    assert share / 100 == pytest.approx(universes["cpu_s"].sum() / whole["cpu_s"], abs=0.05)
+    assert largest == pytest.approx(whole["memory_mb"], rel=0.05)
+    assert longest == pytest.approx(whole["longest_s"], rel=0.05)
+    assert "in half an hour on two cores" in readme
+    assert 600 < whole["cpu_s"] / 2 < 1800, "of half an hour of two cores, some goes into starting 200 jobs"
+    asked = re.search(r"Every job asks for ([\d,]+) MB and (\d+) minutes", scaling)
+    assert largest < float(asked[1].replace(",", "")) and longest < 60 * float(asked[2])
 
 
 def test_every_picture_is_shown():

@@ -1,6 +1,7 @@
 """The library alone needs few packages; what else the source imports comes with the extras of pyproject.toml."""
 
 import ast
+import re
 import subprocess
 import sys
 import textwrap
@@ -69,6 +70,30 @@ def test_every_module_of_the_library_imports_with_what_it_requires_alone():
     )
     assert not error
     assert len(printed.splitlines()) > 40
+
+
+def test_a_plain_installation_flies_and_gives_percentiles():
+    printed, error = library_alone(
+        f"""
+        import runpy
+        runpy.run_path({str(ROOT / "docs/examples/lander.py")!r}, run_name="__main__")
+        """
+    )
+    assert "Error" not in error
+    assert re.search(r"quantity +unit +percentile", printed) and re.search(r"\d+ +mass +kg +99\.0", printed)
+
+
+def test_what_needs_an_extra_says_so_in_one_sentence():
+    _, error = library_alone("from marsedl import results")
+    assert error.endswith(" is not installed; run: pip install 'marsedl[results]'")
+    _, error = library_alone(
+        """
+        from types import SimpleNamespace
+        from marsedl.fly.flights import Flights
+        Flights.to_xarray(SimpleNamespace())
+        """
+    )
+    assert error == "ModuleNotFoundError: xarray is not installed; run: pip install 'marsedl[results]'"
 
 
 def test_the_command_says_in_one_line_what_is_missing():
