@@ -12,7 +12,6 @@ from pathlib import Path
 
 from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
-from marsedl.replication.claims.numbers import format_result
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, Paper, entry_of
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
@@ -232,6 +231,7 @@ def universe(paper: str, row, side, where: str, *, as_json: bool = False) -> Ite
 def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
     """Yield what is printed of a claim, the verdict on it and its cause, and what each reading gives."""
     from marsedl.replication.claims.counterexamples import in_words
+    from marsedl.replication.claims.rows import format_result
     from marsedl.replication.report import one_line
 
     unit = "" if claim.unit == "1" else f" {claim.unit}"

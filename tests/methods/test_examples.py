@@ -41,9 +41,8 @@ def field_example():
 
 def test_every_example_is_tested():
     tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
-    # These read a build: tests/workflow/test_large_ensembles.py, tests/results/test_results.py,
-    # tests/replication/universes/test_on_a_paper.py.
-    elsewhere = {"scaling": 1, "results": 6, "universes": 1, "formats": 1, "using": 1}
+    # These read a build: tests/results/test_results.py, tests/replication/universes/test_on_a_paper.py.
+    elsewhere = {"results": 6, "universes": 1, "formats": 1, "using": 1}
     expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 3}
     assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
     assert len(tested) == 4

@@ -124,6 +124,8 @@ def test_words_of_the_machinery_that_are_no_folders_of_readings_may_name_one(tmp
 
 CLAIM = "src/marsedl/papers/powered_descent/claims/sec5_example.py"
 PRINTED, CHOICES = "data/published/powered_descent.yaml", "configs/powered_descent.yaml"
+TYPE = "src/marsedl/replication/claims/claim.py"  # of all that is said of a claim
+SHARED = "src/marsedl/papers/desensitized/claims/sec4_channels.py"  # a function makes decorators of several claims
 
 
 def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch):
@@ -139,17 +141,24 @@ def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch)
         memory, scripts = tmp_path / ".cache" / "fingerprints.json", tmp_path / "workflow" / "scripts"
         sources = Fingerprints(memory, tmp_path / "src", scripts)
         monkeypatch.setattr(staleness, "fingerprints_of", lambda root: sources)
-        models = {"powered_descent": input_model("powered_descent")}
-        papers = {"powered_descent": catalogue("powered_descent")}
-        recipes = Recipes(tmp_path, papers, load_studies(models, tmp_path), {})
-        return recipes.job("report/universes/powered_descent.h5").own["world"]
+        models = {slug: input_model(slug) for slug in slugs}
+        recipes = Recipes(tmp_path, {slug: catalogue(slug) for slug in slugs}, load_studies(models, tmp_path), {})
+        return worlds(recipes)
 
-    before = plain.job("report/universes/powered_descent.h5").own["world"]
+    def worlds(recipes):
+        return [recipes.job(f"report/universes/{slug}.h5").own["world"] for slug in slugs]
+
+    slugs = ("powered_descent", "desensitized")
+    before = worlds(plain)
     said = [
         (CLAIM, "The printed downrange variance fits", "It fits"),
         (CLAIM, "counterexample=", "close=Tolerance('why', relative=0.5), counterexample="),
         (PRINTED, "plain: ", "plain: So "),
         (CHOICES, "asks: ", "asks: Really? "),
+        (TYPE, "class Standing(_Part):", "class Standing(_Part):\n    another: int = 0\n"),
+        (SHARED, "return claim(choices=GAINS", "return claim(choices=None"),
     ]
     assert edited(*said) == before
-    assert edited((CLAIM, "vehicle.specific_impulse, ", "2.0 * vehicle.specific_impulse, ")) != before
+    ours, others = edited((CLAIM, "vehicle.specific_impulse, ", "2.0 * vehicle.specific_impulse, "))
+    assert ours != before[0] and others == before[1]
+    assert edited((SHARED, "name=name", "name=name, why=name"))[1] != before[1]

@@ -1,13 +1,8 @@
 """Numbers as text, and plain values nested in lists."""
 
-from __future__ import annotations
-
 import math
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from marsedl.replication.claims.claim import Claim
+from typing import Any
 
 NOT_EVALUATED = "–"
 
@@ -62,20 +57,6 @@ def told_apart(value: Any, limit: Any) -> tuple[str, str]:
         if texts[0] != texts[1] or value == limit:
             break
     return texts
-
-
-def format_result(row: Claim, reading: str) -> list[str]:
-    """Write what a reading gives for a claim; without a standard error, with two digits more than the paper prints."""
-    result = row.readings.get(reading)
-    if result is None or result.value is None:
-        return ["not finite"] if result and result.verdict == "differs" else [NOT_EVALUATED]
-    finer = row.resolution
-    if row.kind == "input":
-        # What another value of an input is must be seen, however few digits the paper prints.
-        finer = finer if result.verdict == "as_stated" else None
-    elif finer is not None:
-        finer = [0.01 * size for size in finer] if isinstance(finer, list) else 0.01 * finer
-    return format_lines(result.value, result.standard_error, finer)
 
 
 def _decade(size: float) -> int:

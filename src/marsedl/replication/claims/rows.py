@@ -20,7 +20,7 @@ from marsedl.replication.claims.claim import (
     Counterexample,
     Standing,
 )
-from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines, format_result
+from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines
 from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.files import write_json, write_text
@@ -122,6 +122,20 @@ def write_table_of_claims(rows: Sequence[Claim], long: str | Path, wide: str | P
             cells += ["; ".join(format_result(row, name)), row.readings[name].verdict or NOT_EVALUATED]
         lines.append([*cells, row.verdict, row.reason])
     write_text(wide, "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines))
+
+
+def format_result(row: Claim, reading: str) -> list[str]:
+    """Write what a reading gives for a claim; without a standard error, with two digits more than the paper prints."""
+    result = row.readings.get(reading)
+    if result is None or result.value is None:
+        return ["not finite"] if result and result.verdict == "differs" else [NOT_EVALUATED]
+    finer = row.resolution
+    if row.kind == "input":
+        # What another value of an input is must be seen, however few digits the paper prints.
+        finer = finer if result.verdict == "as_stated" else None
+    elif finer is not None:
+        finer = [0.01 * size for size in finer] if isinstance(finer, list) else 0.01 * finer
+    return format_lines(result.value, result.standard_error, finer)
 
 
 def _markdown_cell(text: str) -> str:

@@ -18,6 +18,7 @@ Only the standard library is imported here, because the Snakefile calls this on 
 
 import ast
 import contextlib
+import copy
 import hashlib
 import json
 import os
@@ -40,7 +41,9 @@ MACHINERY = frozenset(
         *("pipeline.sharing", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
     )
 )
-SAID = ("errata", "choices", "close", "by_construction", "counterexample")  # by `@claim(...)`, beside the reason
+# What is said of a claim and measures nothing: by `claim(...)`, beside the reason; and what turns verdicts.
+SAID = ("errata", "choices", "close", "by_construction", "counterexample")
+SAID_IN = f"{PACKAGE}.replication.claims.counterexamples"
 AT_IMPORT = "(at import)"  # the name of statements that act when their module is imported
 
 Place = tuple[str, str]  # a module, and a dotted name in it; no name: the whole module, or a library
@@ -78,12 +81,12 @@ class Fingerprints:
         """SHA-256 (hexadecimal) of all code of the source that an entry reaches."""
         return self._facts(entry)[0]
 
-    def measuring(self, entry: str) -> str:
-        """SHA-256 of the code by which a claim is measured: that of `code` without what `@claim(...)` says of it.
+    def measuring(self, *entries: str) -> str:
+        """SHA-256 of the code by which some claims are measured: without what `@claim(...)` says of them.
 
         Names and options of a decorator count; reasons, errata, choices, tolerances and counterexamples do not.
         """
-        return self._of(f"measuring {entry}", lambda: _digest(*self._reached(entry, words=False)[:2]))
+        return self._of(f"measuring {' '.join(entries)}", lambda: _digest(*self._reached(*entries, words=False)[:2]))
 
     def libraries(self, entry: str) -> list[str]:
         """Sorted top-level modules of the libraries, without the standard one, whose names that code uses."""
@@ -179,7 +182,7 @@ class Fingerprints:
         definitions, imports, libraries = {}, set(), set()
         pending, seen = [self._entry(entry) for entry in entries], set()
         while pending:
-            if (place := pending.pop()) in seen:
+            if (place := pending.pop()) in seen or (place[0] == SAID_IN and not words):
                 continue
             seen.add(place)
             if (place, words) not in self._behind:
@@ -305,17 +308,16 @@ def _digest(definitions: dict[str, list[ast.stmt]], imports: set[str]) -> str:
 
 @cache
 def _unsaid(statement: ast.stmt) -> ast.stmt:
-    """A function without what the decorators `claim(...)` say of it; any other statement as it is."""
-    if not isinstance(statement, ast.FunctionDef):
-        return statement
-    decorators = []
-    for one in statement.decorator_list:
-        if isinstance(one, ast.Call) and _dotted(one.func) == "claim":
-            measured = [keyword for keyword in one.keywords if keyword.arg not in SAID]
-            one = ast.Call(ast.Name("dict"), [], measured)
-        decorators.append(one)
-    parts = {name: getattr(statement, name) for name in statement._fields}
-    return ast.FunctionDef(**parts | {"decorator_list": decorators})
+    """A statement without what its calls of `claim(...)` say, most often in decorators."""
+    return _Unsaid().visit(copy.deepcopy(statement)) if "claim" in _uses(statement)[0] else statement
+
+
+class _Unsaid(ast.NodeTransformer):
+    def visit_Call(self, node: ast.Call) -> ast.Call:
+        self.generic_visit(node)
+        if _dotted(node.func) != "claim":
+            return node
+        return ast.Call(ast.Name("dict"), [], [one for one in node.keywords if one.arg not in SAID])
 
 
 @cache

@@ -89,7 +89,8 @@ class Recipes:
         measuring: claims of which only what measures counts, and not what is said.
         """
         settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
-        digests = [*map(self.sources.code, (script, *entries)), *map(self.sources.measuring, measuring), settings]
+        measured = [self.sources.measuring(*measuring)] if measuring else []
+        digests = [*map(self.sources.code, (script, *entries)), *measured, settings]
         libraries = frozenset().union(*map(self.sources.libraries, (script, *entries, *measuring)))
         return {"code": " ".join(digest[:16] for digest in digests), "libraries": versions_used(libraries)}
 

@@ -5,7 +5,8 @@ import re
 from collections.abc import Sequence
 
 from marsedl.replication.claims.claim import STANDING_VERDICTS, Cause, Claim, Doubt, Margin
-from marsedl.replication.claims.numbers import flatten, format_number, format_result
+from marsedl.replication.claims.numbers import flatten, format_number
+from marsedl.replication.claims.rows import format_result
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
 from marsedl.replication.report.formulas import with_raised_powers

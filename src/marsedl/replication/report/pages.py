@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, VERDICTS_OF, Claim
 from marsedl.replication.claims.counts import counted, plural
-from marsedl.replication.claims.numbers import flatten, format_lines, format_number, format_result
-from marsedl.replication.claims.rows import summary, unexplained
+from marsedl.replication.claims.numbers import flatten, format_lines, format_number
+from marsedl.replication.claims.rows import format_result, summary, unexplained
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.inputs.yaml_file import read_yaml
