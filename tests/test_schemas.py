@@ -68,7 +68,15 @@ def rows(tmp_path):
     failed = EVALUATIONS | {"mass": Evaluation(math.nan), "near": None, "drawn": Evaluation([math.nan, 1.0], None, 0)}
     evaluations = {"corrected": EVALUATIONS, "printed": failed}
     turned = {"stated": Counterexample(change="scaled", of="flights.final_state", amount=1.1, to="fails")}
-    cause = Cause(choice="form", value="odd", where="universe 3", verdict="holds", number=1349.0, corrected=None)
+    cause = Cause(
+        choice="form",
+        why="not printed",
+        value="odd",
+        where="universe 3",
+        verdict="holds",
+        number=1349.0,
+        corrected=None,
+    )
     counted = {"true": 3, "undetermined": 1, "deciding": 63, "of": 64, "low": 0.01, "high": math.nan}
     standing = Standing(label="depends", alone=("form",), **counted, cause=cause)
     rows = collect(CLAIMS, DECLARATIONS, evaluations)

@@ -25,7 +25,7 @@ DOCS = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb"), ROOT / "READM
 # Tests alone read them: the minimum principle, the envelope theorem, what the printed boundary condition designs for.
 EVIDENCE = {"costate", "path_weight", "noise_density_design"}
 # Called by name: by the workflow (what a paper draws, tabulates and claims), and by libraries.
-CALLED = re.compile(r"src/marsedl/papers/\w+/(figures|tables|closeups|claims/.*)\.py|src/marsedl/cli\.py")
+CALLED = re.compile(r"src/marsedl/papers/\w+/(figures|tables|claims/.*)\.py|src/marsedl/cli\.py")
 
 
 def words(text):

@@ -248,8 +248,7 @@ def explained_claim(project, claim, *, evidence: bool = False) -> Iterator[str]:
         share = f"true in {one.true}, undetermined in {one.undetermined} of {one.of} that fill the space"
         told["universes"] = f"{one.label.replace('_', ' ')}{f' on {on}' if on else ''}; {share} and have a result"
         if verdict.is_refuted:
-            choice = project.studies[claim.paper].choices.by_name.get(one.cause.choice) if one.cause else None
-            told = {"why": one_line.cause(verdict, choice and (choice, ""))} | told
+            told = {"why": one_line.cause(verdict)} | told
     if evidence and verdict.counterexample:
         told["turned"] = in_words(verdict.counterexample)
     yield columns([(name, text) for name, text in told.items() if text], 2)

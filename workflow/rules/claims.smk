@@ -33,6 +33,7 @@ rule counterexamples:
         "logs/{paper}/counterexamples.log",
     benchmark:
         "benchmarks/{paper}/counterexamples.tsv"
+    priority: priority("counterexamples")
     conda:
         "../envs/marsedl.yaml"
     params:

@@ -1,5 +1,6 @@
 # The configuration, validated before any job is planned, and the functions that the rules are written with.
 import atexit
+import csv
 import os
 import sys
 import time
@@ -73,6 +74,9 @@ wildcard_constraints:
 
 
 RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
+with open(ROOT / "data/reference/costs.csv", encoding="utf-8", newline="") as _file:
+    # Seconds of the longest job of each kind.
+    LONGEST = {(row["where"], row["what"]): int(row["longest_s"] or 0) for row in csv.DictReader(_file)}
 SHARED = RECIPES.shared
 # Newer than every product, for the jobs whose products are stale: Snakemake's own records may be lost.
 CHANGED = Path(".cache/changed")
@@ -129,6 +133,11 @@ def inputs(*products, files=True):
     return taken
 
 
+def priority(what, first=0):
+    """How early a job starts: long ones before short ones, so that the cores end together."""
+    return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards).partition(".")[0]), 0)
+
+
 def made(product, recorded=True):
     """What a job is given beside files, and where it records what its products are made from."""
 
@@ -140,6 +149,8 @@ def made(product, recorded=True):
 
 
 # --- stages
+
+SHOWN = 10_000  # priority of what a figure waits for, before what is computed in memory
 
 
 def staged(stage, *artifacts):

@@ -20,6 +20,7 @@ rule figure:
         "benchmarks/{paper}/{place}{stem}.tsv"
     wildcard_constraints:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
+    priority: 2 * SHOWN
     conda:
         "../envs/marsedl.yaml"
     params:

@@ -5,7 +5,7 @@ rule report:
     input:
         unpack(inputs("report/index.html")),
         claims="report/claims.json",
-        universes=expand("report/universes/{paper}.h5", paper=PAPERS),
+        universes=expand("report/universes/{paper}.json", paper=PAPERS),
     output:
         [
             f"report/{page}"

@@ -13,7 +13,7 @@ rule artifact:
         "benchmarks/{paper}/{reading}/{name}.tsv"
     wildcard_constraints:
         paper=f"(?!{'|'.join([SCATTERED, *(flights(*flown) for flown in TOGETHER)])})[^/]+",
-    priority: lambda wildcards: PAPERS[wildcards.paper].stages[wildcards.name.partition(".")[0]].priority
+    priority: priority("{name}", SHOWN)
     conda:
         "../envs/marsedl.yaml"
     params:
@@ -31,6 +31,7 @@ rule chunk:
         "logs/{paper}/{reading}/montecarlo.{case}.{chunk}of{chunks}.log",
     benchmark:
         "benchmarks/{paper}/{reading}/montecarlo.{case}.{chunk}of{chunks}.tsv"
+    priority: priority(FLIGHTS, SHOWN)
     conda:
         "../envs/marsedl.yaml"
     params:
@@ -77,6 +78,7 @@ for _number, (_paper, _cases, _readings) in enumerate(TOGETHER):
         wildcard_constraints:
             paper=_paper,
             reading=_readings,
+        priority: priority(FLIGHTS, SHOWN)
         conda:
             "../envs/marsedl.yaml"
         params:

@@ -16,6 +16,7 @@ rule points:
         "logs/{paper}/points.log",
     benchmark:
         "benchmarks/{paper}/points.tsv"
+    priority: priority("points")
     conda:
         "../envs/marsedl.yaml"
     params:
@@ -35,6 +36,7 @@ rule universes_chunk:
         "logs/{paper}/{whole}universes.{chunk}of{chunks}.log",
     benchmark:
         "benchmarks/{paper}/{whole}universes.{chunk}of{chunks}.tsv"
+    priority: priority("universes")
     conda:
         "../envs/marsedl.yaml"
     params:
@@ -92,7 +94,7 @@ for _paper in PAPERS:
             table="report/universes/{paper}.h5",
             claims="report/claims/{paper}.json",
         output:
-            standings="report/universes/{paper}.json",
+            decided="report/universes/{paper}.json",
             judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
             effects=expand("figures/{{paper}}/universes/effects.{suffix}", suffix=("csv", "md")),
             pictures=[f"figures/{{paper}}/{picture}.png" for picture in UNIVERSE_PICTURES[_paper]],

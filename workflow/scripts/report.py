@@ -8,14 +8,12 @@ from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.report import assembly
 from marsedl.replication.report.pages import build_site
-from marsedl.replication.universes.judging import judge_of
+from marsedl.replication.universes.deciding import read_decided
 
 with guarded(snakemake) as job:
-    claims = read_claims(snakemake.input.claims)
-    project, papers = Path(snakemake.params.project).resolve(), []
-    for (slug, readings), universes in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
-        given = catalogue(slug), input_model(slug)
-        judge = judge_of(*given, project, job.made["size"], job.made["own"][slug], universes, claims)
-        papers.append(assembly.paper_report(*given, readings, claims, snakemake.params.artifacts[slug], judge))
-    folder, citation = Path(snakemake.output[0]).parent, project / "CITATION.cff"
+    claims, papers = read_claims(snakemake.input.claims), []
+    for (slug, readings), path in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
+        given = catalogue(slug), input_model(slug), readings, claims, snakemake.params.artifacts[slug]
+        papers.append(assembly.paper_report(*given, read_decided(path)))
+    folder, citation = Path(snakemake.output[0]).parent, Path(snakemake.params.project).resolve() / "CITATION.cff"
     build_site(folder, papers, job.made["size"], citation, comparisons())

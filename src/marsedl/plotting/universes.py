@@ -159,10 +159,9 @@ def _turns(before: str, after: str) -> bool:
     )
 
 
-def pictures(judge: Judge) -> list:
+def pictures(judge: Judge, matching: Matching) -> list:
     """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
-    matching = Matching(judge)
-    drawn = [heat_map(judge, list(judge.column)), closing_in(matching.waves(), matching.varied)]
+    drawn = [heat_map(judge, list(judge.column)), closing_in(matching.waves, matching.varied)]
     for claim in matching.headlines:
         title = claim.plain or in_words(claim.id)
         if claim.id in judge.column:

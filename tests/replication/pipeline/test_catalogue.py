@@ -1,7 +1,6 @@
 """The project's shape: catalogues that fit their modules, and a workflow that keeps its own rules."""
 
 import ast
-import inspect
 import re
 from importlib import import_module
 from pathlib import Path
@@ -23,7 +22,7 @@ SCIENCE = r"(numpy|scipy|numba|casadi|cvxpy|matplotlib|h5py|marsedl\.(models|met
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
     paper, folder = catalogue(slug), ROOT / "src" / "marsedl" / "papers" / slug
-    products = {"figures.py": paper.figures, "tables.py": paper.tables, "closeups.py": paper.closeups}
+    products = {"figures.py": paper.figures, "tables.py": paper.tables}
     needed = FILES_OF_EVERY_PAPER | {name for name, stems in products.items() if stems}
     entries = [entry for stage in paper.stages.values() for entry in stage.entries]
     needed |= {f"{entry.split(':')[0].rpartition('.')[2]}.py" for entry in entries}
@@ -39,7 +38,6 @@ def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
 @pytest.mark.parametrize("slug", SLUGS)
 def test_stages_products_and_functions_belong_together(slug):
     paper, model = catalogue(slug), input_model(slug)
-    records = {*paper.stages, *model.CASES}
     for stage in paper.stages.values():
         *_, last = (getattr(import_module(m), f) for m, f in (entry.split(":") for entry in stage.entries))
         assert get_type_hints(last)["return"].__name__ in vars(import_module(last.__module__))
@@ -49,9 +47,6 @@ def test_stages_products_and_functions_belong_together(slug):
     for stem in (*paper.figures, *paper.tables):
         assert paper.product(stem).caption
         assert set(paper.product(stem).inputs) <= set(model.names())
-    for stem in paper.closeups:
-        function = getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)
-        assert inspect.signature(function).parameters.keys() <= records
     assert set(paper.described) == {stem for stem, figure in paper.figures.items() if not figure.beyond}
     assert not set(paper.figures) & {*paper.tables, "claims"}, "a name in the report stands once"
     assert set(model.CASES.values()) <= set(model.names())

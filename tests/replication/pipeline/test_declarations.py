@@ -55,7 +55,7 @@ PACKAGE = {
     "studies": '''
         from marsedl.replication.pipeline.catalogue import stage
 
-        @stage(claimed_in=("corrected",), priority=3)
+        @stage(claimed_in=("corrected",))
         def curvature(planet: Planet, nominal):
             """Curve."""
             return planet.radius
@@ -171,9 +171,9 @@ def test_products_declare_artifacts_optional_ones_and_printed_values(read):
     assert (table.needs, table.inputs, table.published) == (("nominal",), ("planet.radius",), True)
 
 
-@pytest.mark.parametrize("setting", ["priority=HIGH", "claimed_in=READINGS", "**SETTINGS"])
+@pytest.mark.parametrize("setting", ["claimed_in=READINGS", "**SETTINGS"])
 def test_a_setting_of_a_stage_that_is_no_literal_is_refused(read, setting):
-    body = PACKAGE["studies"].replace('claimed_in=("corrected",), priority=3', setting)
+    body = PACKAGE["studies"].replace('claimed_in=("corrected",)', setting)
     assert setting in body
     with pytest.raises(InputError, match=r"toy.studies:curvature: write .* of 'stage' as a literal"):
         read(studies=body)

@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from marsedl.papers import SLUGS, catalogue
+from marsedl.replication.universes.deciding import read_decided
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
@@ -150,41 +151,57 @@ def test_the_search_finds_beginnings_and_misspellings_on_all_pages_by_the_keyboa
     assert page.evaluate("id => document.getElementById(id).checkVisibility()", anchor)
 
 
-@pytest.mark.parametrize(
-    ("slug", "closeup", "key", "words"),
-    [
-        ("powered_descent", "final_states", "n", "Flight 0: downrange"),
-        ("funnels", "funnel", "n", "Slice "),
-        ("random_field", "iterations", "ArrowRight", "iteration 0"),
-    ],
-)
-def test_a_closer_look_is_drawn_and_answers_to_the_keyboard(visit, slug, closeup, key, words):
-    page = visit(f"{slug}_evidence.html#closer-{closeup}")
-    figure = page.locator(f"#closer-{closeup} figure")
-    plot = figure.locator(".stage > svg")
-    plot.wait_for()
-    assert plot.locator("path").count() > 3
-    before = plot.inner_html()
-    plot.focus()
-    page.keyboard.press(key)
-    assert words in figure.locator(".stage > output").text_content()
-    for control in figure.locator("select").all():
-        for option in control.locator("option").all():
-            control.select_option(option.get_attribute("value"))
-            assert "NaN" not in plot.inner_html()
-    assert plot.inner_html() != before
+@pytest.mark.parametrize("slug", SLUGS)
+def test_a_reader_turns_the_knobs_of_universes_and_sees_the_rows_of_the_table(visit, copied, slug):
+    """Every claim with all knobs as ours, free, and one answer at a time: numbers of the run, and no other universe."""
+    page = visit(f"{slug}_evidence.html#explorer")
+    told, claim = page.locator("#explorer output"), page.locator("#explorer label.wide select")
+    claim.wait_for()
+    rows = read_decided(copied.path(f"report/universes/{slug}.json")).explorer
+    base = rows.numbers.index(0)
+    for at, answer in enumerate(rows.answers):
+        claim.select_option(str(at))
+        assert told.text_content().startswith(f"1 universe of {len(rows.numbers)} left.")
+        if (value := answer.values[base]) is not None:
+            text = told.text_content().partition("Universe 0 gives ")[2].split()[0].rstrip(":")
+            assert float(text) == pytest.approx(value, rel=1e-3)
+    claim.select_option("0")
+    free, ours = page.locator("#explorer form button").all()
+    free.click()
+    assert told.text_content().startswith(f"{len(rows.numbers)} universes of {len(rows.numbers)} left.")
+    dots = page.locator("#explorer circle")
+    assert dots.count() == sum(value is not None for value in rows.answers[0].values)
+    assert "NaN" not in page.locator("#explorer svg").inner_html()
+    ours.click()
+    for place, knob in enumerate(rows.knobs):
+        select = page.locator("#explorer form label:not(.wide) select").nth(place)
+        for value in range(len(knob.values)):
+            select.select_option(str(value))
+            others = [other for other in rows.knobs if other is not knob]
+            left = [
+                number
+                for k, number in enumerate(rows.numbers)
+                if knob.places[k] == value and all(other.places[k] == other.ours for other in others)
+            ]
+            assert told.text_content().startswith(f"{len(left)} universe")
+            asked = page.locator("#explorer output code")
+            assert asked.count() == (value != knob.ours)
+            if value != knob.ours:
+                command = f"marsedl what-if {slug} {knob.choice}={knob.values[value][0]}"
+                assert asked.text_content() == command
+        ours.click()
 
 
-def test_the_funnel_turns_under_the_pointer(visit):
-    page = visit("funnels_evidence.html#closer-funnel")
-    plot = page.locator("#closer-funnel .stage > svg")
-    plot.scroll_into_view_if_needed()
-    before, box = plot.inner_html(), plot.bounding_box()
-    page.mouse.move(box["x"] + 300, box["y"] + 200)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 380, box["y"] + 230)
-    page.mouse.up()
-    assert plot.inner_html() != before
+def test_the_explorer_fits_a_phone_and_axe_finds_nothing_in_it(browser, copied):
+    page, messages = opened(browser, copied, f"{SLUGS[0]}_evidence.html#explorer", 390, bypass_csp=True)
+    page.locator("#explorer select").first.wait_for()
+    page.locator("#explorer form button").first.click()
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    violations = page.evaluate("() => axe.run(document, {resultTypes: ['violations']})")["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in violations] == []
+    assert messages == []
+    page.close()
 
 
 def test_in_print_pages_are_few_pictures_are_there_and_no_control_is_left(visit):

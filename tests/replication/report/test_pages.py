@@ -30,23 +30,38 @@ from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError
-from marsedl.replication.inputs.choices import Choices
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 from marsedl.replication.report.assembly import PaperReport
-from marsedl.replication.report.closeups import CloseUp
-from marsedl.replication.report.deciding import Deciding
-from marsedl.replication.report.files import site_files
+from marsedl.replication.report.files import site_files, universe_pictures
 from marsedl.replication.report.one_line import odd_one_out
 from marsedl.replication.report.pages import _templates, build_site
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.judging import Effect
+from marsedl.replication.universes.deciding import (
+    Answer,
+    Decided,
+    ErratumEffect,
+    Explorer,
+    Knob,
+    Run,
+    _deciding_number,
+)
+from marsedl.replication.universes.joint import Joint
+from marsedl.replication.universes.judging import Effect, Share
+from marsedl.replication.universes.waves import Wave
 
 PUBLISHED = Path(__file__).parents[3] / "data" / "published" / "powered_descent.yaml"
 SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
 TEMPLATES = Path(marsedl.replication.report.pages.__file__).parent / "templates"
 CLOSE = {"close": {"reason": "", "relative": 0.02, "absolute": None}}
 STILL = Standing(label="never", true=0, undetermined=0, deciding=64, of=64, low=0.0, high=0.06)
-NEWTON = {"choice": "noise_unit", "value": "newton", "where": "universe 3", "verdict": "fails", "number": 4.0}
+NEWTON = {
+    "choice": "noise_unit",
+    "why": "not printed",
+    "value": "newton",
+    "where": "universe 3",
+    "verdict": "fails",
+    "number": 4.0,
+}
 MOVED = STILL.model_copy(update={"cause": Cause(**NEWTON, corrected=5.0)})
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
@@ -68,7 +83,7 @@ def evaluate(claim, shift):
 
 def drawn(folder, slug, figures=(), tables=()):
     """Write the files of figures and tables."""
-    (folder / slug).mkdir(parents=True, exist_ok=True)
+    (folder / slug / "universes").mkdir(parents=True, exist_ok=True)
     for name in figures:
         Image.new("RGB", (640, 400), "steelblue").save(folder / slug / f"{name}.png")
     for name in tables:
@@ -77,6 +92,21 @@ def drawn(folder, slug, figures=(), tables=()):
 
 def reading(summary, based_on, inputs):
     return {"summary": summary, "based_on": based_on, "frozen": based_on is None, "inputs": inputs}
+
+
+def judged(rows, errata, hostile):
+    """Say of made-up universes what pages show: nothing is varied, and errata are those that claims name."""
+    effects = []
+    for one in errata:
+        named = tuple(row.id for row in rows if one.id in row.errata)
+        refuted = tuple(row.id for row in rows if one.id in row.errata and row.is_refuted)
+        rank = "named" if refuted else "not_varied"
+        effects.append(ErratumEffect(one.id, rank, (), (), None, None, (), named, refuted))
+    answer = Answer(rows[0].id, f"It is so {hostile}", "kg", 1.0, (1.5,), None, ("differs",))
+    explorer = Explorer((0,), (Knob("form", 0, (("odd", f"odd {hostile}"),), (0,)),), (answer,))
+    of_all = Joint([Wave(1.0, {}, (), 0.0)], None, [], [], [])
+    run = Run(1, 0, False, 1, Share(0, 0, 0.0, 0.0))
+    return Decided({}, tuple(effects), None, (), of_all, run, explorer)
 
 
 def example(folder, hostile="plain"):
@@ -115,8 +145,9 @@ def example(folder, hostile="plain"):
         "target4": reading("The target that the authors probably used.", "corrected", inputs),
     }
     names = [f"fig{i:02d}" for i in range(1, 5)]
-    drawn(folder, "powered_descent", [*names, "headline"], ["eq54"])
-    drawn(folder, "small", ["headline"])
+    headlines = sum(bool(one.headline) for one in published)
+    drawn(folder, "powered_descent", [*names, "headline", *universe_pictures([""] * headlines)], ["eq54"])
+    drawn(folder, "small", ["headline", *universe_pictures([])])
     caption = f"Trajectories of the trials with 3-sigma ellipses. {hostile}"
     because, used = "It contradicts Eq. 43.", "The other form, as in `corrected`"
     errata = tuple(
@@ -135,14 +166,13 @@ def example(folder, hostile="plain"):
         question=f"Does it land? {hostile}",
         in_short=("It lands.", f"It is $\\sigma_x$ wide. {hostile}"),
     )
-    data = {"said": hostile, "n": 1.5}
+    rows = collect(published, declared, evaluations)
     paper = PaperReport(
         catalogue,
-        collect(published, declared, evaluations),
+        rows,
         readings,
-        None,
+        judged(rows, errata, hostile),
         dict.fromkeys(inputs, ("m/s", "at 0 s")),
-        [CloseUp("states", "Final states", f"Where the flights end. {hostile}", "histories", data)],
         [["certificates", "solver", f"1 optimal; 1 {hostile} (corrected)", "2", "3 to 1,000", "–"]],
         [["gains", "Gains.", "linearization", "7", "abc"]],
     )
@@ -152,7 +182,8 @@ def example(folder, hostile="plain"):
     cited = {"title": "All", "authors": [{"name": "We"}], "version": "1.0", "date-released": "2026-11-27"}
     (folder / "CITATION.cff").write_text(json.dumps(cited))
     alone = Paper("small", "A small paper", "", "Nobody.")
-    return [paper, PaperReport(alone, rows, {"corrected": reading("All.", None, {})})]
+    readings = {"corrected": reading("All.", None, {})}
+    return [paper, PaperReport(alone, rows, readings, judged(rows, (), hostile))]
 
 
 def build(out, papers, folder, size="smoke", comparisons=None):
@@ -175,7 +206,10 @@ def site(tmp_path_factory):
 
 
 def figures_of(papers):
-    own = {one.catalogue.slug: [*one.catalogue.figures, "headline"] for one in papers}
+    own = {}
+    for one in papers:
+        headlines = ["" for row in one.claims if row.headline]
+        own[one.catalogue.slug] = [*one.catalogue.figures, "headline", *universe_pictures(headlines)]
     return {**own, "comparison": ["densities"]}
 
 
@@ -346,18 +380,24 @@ def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
     assert 'href="powered_descent.html#fig02"' in claim
 
 
-def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
-    page = pages["powered_descent_evidence.html"]
-    assert [json.loads(text) for text in page.data] == [site[1][0].closeups[0].data]
-    assert "closer-states" in page.ids
-    assert "assets/closeups.js" in page.sources
-    assert "assets/closeups.js" not in pages["small_evidence.html"].sources
+def test_the_explorer_has_its_rows_in_a_script_of_its_own(site, pages):
+    script = (site[0] / "out" / "assets" / "universes-powered_descent.js").read_text("utf-8")
+    rows = json.loads(script.removeprefix("const UNIVERSES = ").rstrip(";\n"))
+    explorer = site[1][0].decided.explorer
+    assert (rows["answers"][0]["said"], rows["answers"][0]["values"]) == (explorer.answers[0].said, [1.5])
+    assert rows["verdicts"][rows["answers"][0]["verdicts"][0]] == ["differs", False, True]
+    assert "assets/explorer.js" in pages["powered_descent_evidence.html"].sources
+    assert "assets/explorer.js" not in pages["comparison.html"].sources
 
 
 @pytest.mark.parametrize(
     ("verdict", "more", "line"),
     [
-        ("differs", {"universes": MOVED}, "Noise unit = newton comes nearest to its limit: 5.00 becomes 4.00"),
+        (
+            "differs",
+            {"universes": MOVED},
+            "Noise unit = newton (not printed) comes nearest to its limit: 5.00 becomes 4.00",
+        ),
         ("fails", {"universes": STILL}, "No choice that we varied by itself explains it"),
         ("differs", {}, "Outside rounding and sampling error"),
         ("fails", {}, "Limit 1.25 m"),
@@ -405,10 +445,10 @@ def test_one_line_says_how_many_headlines_are_true_at_once_in_the_counts_of_the_
 
 
 def test_a_headline_that_no_universe_computes_is_not_one_that_none_decides():
-    standing, judge = STILL.model_copy(update={"label": "not_computed", "true": 0, "of": 0}), SimpleNamespace()
+    standing = STILL.model_copy(update={"label": "not_computed", "true": 0, "of": 0})
     rows = [headline_row("a", universes=standing), headline_row("b")]
-    entry = {"headline": rows, "causes": {}, "name": "P", "paper": SimpleNamespace(found={})}
-    entry |= {"report": SimpleNamespace(judge=judge), "at": "#{}".format}
+    entry = {"headline": rows, "name": "P", "paper": SimpleNamespace(found={})}
+    entry |= {"run": SimpleNamespace(), "at": "#{}".format}
     table = str(_templates().get_template("macros.html.j2").module.headline(entry))
     assert table.count("not computed in universes") == 2
     assert "no universe decides it" not in table
@@ -480,8 +520,8 @@ def test_the_deciding_number_is_moved_by_the_choice_of_the_largest_effect():
     ]
     of_each = {"number": 5.0, "error": 0.0, "printed": 9.0}
     judged = {name: SimpleNamespace(**of_each, effects=of, cause=of[0]) for name, of in moved.items()}
-    judge = SimpleNamespace(column=moved, judged=judged.get, choices=Choices({}))
-    assert Deciding(rows, (), judge).number.claim.id == "second"
+    judge = SimpleNamespace(column=moved, judged=judged.get, unit=lambda name: "m")
+    assert _deciding_number(rows, judge).claim == "second"
 
 
 def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):

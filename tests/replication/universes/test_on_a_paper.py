@@ -11,10 +11,10 @@ from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.store import content_digest
+from marsedl.replication.universes.deciding import claims_table, effects_table
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, design
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import Evaluator, gathered, tabulated
-from marsedl.replication.universes.tabulating import claims_table, effects_table
 
 ROOT = Path(__file__).parents[3]
 SLUG = "powered_descent"

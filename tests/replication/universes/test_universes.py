@@ -19,7 +19,7 @@ from marsedl.replication.inputs.sections import Inputs, Number, Section, given
 from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
-from marsedl.replication.report.deciding import Deciding
+from marsedl.replication.universes.deciding import decided, read_decided, write_decided
 from marsedl.replication.universes.designs import AGAIN, Universe, one_at_a_time, redrawn, space_filling
 from marsedl.replication.universes.joint import in_sentences, joint
 from marsedl.replication.universes.judging import Judge, correlation_ratio, wilson
@@ -170,28 +170,53 @@ def test_indices_against_the_closed_form(judge):
     assert correlation_ratio(x[np.newaxis], (x * 4).astype(int))[0] == pytest.approx(15 / 16, rel=1e-6)
 
 
-def test_a_page_says_what_an_erratum_changes_and_what_decides(judge):
-    def row(claim, verdict, **more):
-        readings = {"corrected": Result(value=judge.judged(claim.id).number, verdict=verdict)}
-        own = {name: getattr(claim, name) for name in ("paper", "id", "kind", "printed", "headline")}
-        return Claim(**own, verdict=verdict, reading="corrected", readings=readings, **more)
+def claim_row(judge, claim, **more):
+    verdict = judge.verdict(claim.id)
+    readings = {"corrected": Result(value=judge.judged(claim.id).number, verdict=verdict)}
+    own = {name: getattr(claim, name) for name in ("paper", "id", "kind", "printed", "headline")}
+    return Claim(**own, verdict=verdict, reading="corrected", readings=readings, **more)
 
+
+def test_a_page_says_what_an_erratum_changes_and_what_decides(judge, tmp_path):
     verdicts = {one.id: judge.verdict(one.id) for one in PUBLISHED}
-    rows = [row(one, verdicts[one.id], errata=("E1",) if one.id == "line" else ()) for one in PUBLISHED]
+    rows = [claim_row(judge, one, errata=("E1",) if one.id == "line" else ()) for one in PUBLISHED]
     rows[0] = rows[0].model_copy(update={"choices": ("slope",)})
-    deciding = Deciding(rows, [Erratum("E1", "", "", ""), Erratum("E2", "", "", "")], judge)
-    first, second = deciding.effects()
-    assert (first.erratum.id, first.rank, first.refuted) == ("E1", "headline", ["line"])
-    assert (first.headline.id, first.effect.difference) == ("line", pytest.approx(-1.0))
-    assert first.verdicts == ["upwards"] and verdicts["upwards"] == "holds"
+    errata = Erratum("E1", "", "", ""), Erratum("E2", "", "", "")
+    write_decided(decided(rows, errata, judge, Matching(judge)), tmp_path / "decided.json")
+    found = read_decided(tmp_path / "decided.json")
+    first, second = found.errata
+    assert (first.erratum, first.rank, first.refuted) == ("E1", "headline", ("line",))
+    assert (first.headline, first.effect.difference) == ("line", pytest.approx(-1.0))
+    assert first.verdicts == ("upwards",) and verdicts["upwards"] == "holds"
     assert second.rank == "not_varied"
-    number = deciding.number
-    assert (number.claim.id, number.value, number.mark) == ("line", 0.5, 0.8)
+    number = found.number
+    assert (number.claim, number.value, number.mark) == ("line", 0.5, 0.8)
     assert [one.difference for one in number.effects] == pytest.approx([-1.0, -0.5, 0.5, 0.0])
-    slope, form = deciding.open()
-    assert form.choice.kind == "misprint" and (form.low, form.high) == (0.5, 0.5)
-    assert (slope.choice.name, slope.low, slope.high) == ("slope", 0.0, 1.0)
-    assert judge.standing("constant").label == "robust"
+    slope, form = found.open
+    assert (form.choice, form.low, form.high) == ("form", 0.5, 0.5)
+    assert (slope.choice, slope.low, slope.high) == ("slope", 0.0, 1.0)
+    assert found.standings == {name: judge.standing(name) for name in judge.column}
+    assert found.standings["constant"].label == "robust"
+
+
+def test_the_explorer_has_the_numbers_and_verdicts_of_every_universe(judge):
+    rows = [claim_row(judge, one) for one in PUBLISHED]
+    found = decided(rows, (), judge, Matching(judge)).explorer
+    assert list(found.numbers) == judge.table.number.tolist()
+    for answer in found.answers:
+        numbers = judge.numbers[0][:, judge.component_place(answer.claim)]
+        assert list(answer.values) == pytest.approx(numbers.tolist(), rel=1e-3, nan_ok=True)
+        assert list(answer.verdicts) == judge.verdicts[:, judge.column[answer.claim]].tolist()
+    for knob, choice, assigned in zip(found.knobs, judge.choices, judge.table.assignment.T, strict=True):
+        for place, number in zip(knob.places, assigned.tolist(), strict=True):
+            value, words = knob.values[place]
+            if choice.range and place != knob.ours:
+                low, high = map(float, words.split(" to "))
+                assert low <= number <= high and low < float(value) < high
+            elif choice.range:
+                assert math.isnan(number) or number == choice.corrected
+            else:
+                assert value == (list(choice.alternatives)[int(number)] if math.isfinite(number) else choice.corrected)
 
 
 def test_the_interval_of_a_share_covers_it():
@@ -208,7 +233,7 @@ def test_waves_find_what_contradicts_and_what_can_be_true_at_once():
     def run(published):
         judge = judge_of(start, published)
         found = Matching(judge).extended(table, 32)
-        return Matching(judge.over(found)).waves()[-1], found
+        return Matching(judge.over(found)).waves[-1], found
 
     last, _ = run(PUBLISHED)
     assert last.volume == 0.0 and last.contradicting == ("flat", "line")
@@ -220,7 +245,7 @@ def test_waves_find_what_contradicts_and_what_can_be_true_at_once():
 
 
 def test_what_is_true_at_once_and_what_never_is(judge):
-    found = joint(judge)
+    found = joint(judge, Matching(judge))
     assert found.never == [("line", "flat")], "a slope of 0.8 and one below a quarter"
     assert (found.best.headlines, found.best.of) == (2, 3)
     assert found.best.again is None and "At most 2 of 3 headlines stand in one universe" in in_sentences(judge)

@@ -7,7 +7,6 @@ PAPER = Paper(
     title="Robust Entry Vehicle Guidance with Sampling-Based Invariant Funnels",
     authors="R. Derollez, S. Le Cleac'h, Z. Manchester",
     citation="Stanford University and Carnegie Mellon University; no year or venue on the copy used",
-    closeups=("funnel",),
     noise=(
         *("*/funnel/gap", "*/funnel/tightness"),  # what is left where a solver ends
         "*/stationary/stationary_*",  # stationary points of polynomials far outside of their range

@@ -14,7 +14,7 @@ from marsedl.replication.pipeline.catalogue import stage
 SOLVER = "SCS"  # of the programs with multipliers: faster than Clarabel
 
 
-@stage(claimed_in=("corrected",), priority=1)
+@stage(claimed_in=("corrected",))
 def compute(
     planet: Planet,
     vehicle: Vehicle,

@@ -12,7 +12,7 @@ from marsedl.replication.pipeline.catalogue import stage
 EXCESS_TOLERANCE = 1e-5  # of programs whose bounds are compared with others that differ by more than a thousandth
 
 
-@stage(claimed_in=("corrected",), priority=1)
+@stage(claimed_in=("corrected",))
 def compute(
     planet: Planet,
     vehicle: Vehicle,

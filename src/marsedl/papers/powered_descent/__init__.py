@@ -8,7 +8,6 @@ PAPER = Paper(
     authors="Jack Ridderhof and Panagiotis Tsiotras",
     citation="J. Ridderhof, P. Tsiotras, Uncertainty Quantification and Control During Mars Powered Descent and "
     "Landing using Covariance Steering, AIAA Guidance, Navigation, and Control Conference, 2018",
-    closeups=("final_states",),
     solves=(
         Solve("fixed_point", "converged", "iterations"),
         Solve("fixed_point", "sweep_converged", "sweep_iterations", what="sweep"),

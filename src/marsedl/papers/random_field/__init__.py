@@ -9,7 +9,6 @@ PAPER = Paper(
     citation="J. Ridderhof, P. Tsiotras, Chance-Constrained Covariance Steering in a Gaussian Random Field via "
     "Successive Convex Programming, Georgia Institute of Technology, 2021 (so cited in “Stochastic Entry Guidance”); "
     "no venue on the copy used",
-    closeups=("iterations",),
     # What gains of 1e18 and more make of the claims, and how nearly two solutions of one program agree.
     noise=("claims/*/literal_gains", "corrected/certificates/*_gain_difference"),
     solves=(

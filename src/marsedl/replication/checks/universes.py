@@ -15,27 +15,28 @@ BUILT, WAVES = "report/universes/{}.h5", "report/universes/waves/{}.h5"
 
 
 class Compared(NamedTuple):
-    """How many universes of a paper were compared, which of them differ in what, and all of it or why not in words."""
+    """What was compared of a paper's universes, in words, and which of them differ in what.
+
+    `is_missing` says that there are choices, and no committed run of these inputs and this code to compare with.
+    """
 
     said: str
-    universes: int = 0
     moved: Mapping[int, str] = {}
+    is_missing: bool = False
 
 
 def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
     """Compare the universes of a build with the committed runs; prints what was compared, and what not and why.
 
-    Returns whether none differs and some were compared. Raises as `compared` does.
+    Returns whether none differs and those of no paper with choices are missing. Raises as `compared` does.
     """
     found, lines = {slug: compared(root, build, slug) for slug in slugs}, []
     for slug, one in found.items():
         lines.append(f"{slug}: {one.said}")
         lines += [f"  {slug}: universe {number}: {what}" for number, what in one.moved.items()]
-    if not (some := any(one.universes for one in found.values())):
-        lines.append("no paper's universes were compared, which proves nothing; see docs/universes.md")
     print("\n".join(lines))
     summarize("\n".join(lines))
-    return some and not any(one.moved for one in found.values())
+    return not any(one.moved or one.is_missing for one in found.values())
 
 
 def compared(root: Path, build: Path, slug: str) -> Compared:
@@ -46,8 +47,9 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
     """
     built, run = build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
     small, remedy = store.load(built, Universes, paper=slug), f"restore it with 'git checkout {COMMITTED}/{slug}.h5'"
+    has_choices, renew = bool(len(small.choice)), "see docs/universes.md to make one"
     if not run.exists():
-        return Compared("universes not compared: there is no committed run")
+        return Compared(f"universes not compared: there is no committed run; {renew}", is_missing=has_choices)
     try:
         with store.opened(run) as file:
             owner = file.attrs["paper"]
@@ -56,12 +58,13 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
     if owner != slug:
         raise ArtifactError(f"{run}: is of the paper '{owner}', not '{slug}': {remedy}")
     if not of_one_world(run, built):
-        other = "the committed run is of other inputs or code; see docs/universes.md to renew it"
-        return Compared(f"universes not compared: {other}")
+        return Compared(
+            f"universes not compared: the committed run is of other inputs or code; {renew}", is_missing=True
+        )
     large = store.load(run, Universes)
     moved = changed(large, small)
     counts = f"{len(small.number)} universes compared with {len(large.number)} committed, {len(moved)} differ"
-    return Compared(counts, len(small.number), moved)
+    return Compared(counts, moved, is_missing=not len(small.number))
 
 
 def accept_universes(root: Path, build: Path, slugs: Iterable[str]) -> list[Path]:

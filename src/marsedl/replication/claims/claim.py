@@ -99,6 +99,8 @@ class Cause(_Part):
 
     choice: str
     """the choice"""
+    why: str
+    """why the paper leaves it open: not printed, a possible misprint, a setting left open, or an erratum"""
     value: str
     """its value"""
     where: str
@@ -109,6 +111,8 @@ class Cause(_Part):
     """the number that decides, there; null: none"""
     corrected: Finite
     """the same number in `corrected`, of as many trials; null: none"""
+    unit: str = ""
+    """the unit of both; empty: none"""
 
 
 class Standing(_Part):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -18,7 +18,6 @@ from marsedl.replication.claims.claim import (
     VERDICTS_OF,
     Claim,
     Counterexample,
-    Standing,
 )
 from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines
 from marsedl.replication.claims.verdicts import Evaluation
@@ -29,7 +28,6 @@ from marsedl.replication.records.tables import Column, csv_text, table
 if TYPE_CHECKING:
     import pandas as pd
 
-_Kind = TypeVar("_Kind", Counterexample, Standing)
 _EVALUATIONS = TypeAdapter(dict[str, dict[str, Evaluation | None]], config=ConfigDict(ser_json_inf_nan="constants"))
 
 
@@ -43,12 +41,12 @@ def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
 
 def read_claims(path: str | Path) -> list[Claim]:
     """Read what `write_claims` wrote; raises ArtifactError if the file is missing, damaged, or no list of claims."""
-    return _read(list[Claim], path)
+    return read_json(list[Claim], path)
 
 
-def read_parts(kind: type[_Kind], path: str | Path) -> dict[str, _Kind | None]:
-    """Read a part of each claim of a paper, its counterexample or what universes say; raises as `read_claims`."""
-    return _read(dict[str, kind | None], path)
+def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
+    """Read the counterexamples of a paper's claims; raises as `read_claims`."""
+    return read_json(dict[str, Counterexample | None], path)
 
 
 def write_evaluations(evaluations: Mapping[str, Mapping[str, Evaluation | None]], path: str | Path) -> None:
@@ -61,7 +59,8 @@ def read_evaluations(path: str | Path) -> dict[str, dict[str, Evaluation | None]
     return _EVALUATIONS.validate_json(Path(path).read_bytes())
 
 
-def _read(kind: Any, path: str | Path) -> Any:
+def read_json(kind: Any, path: str | Path) -> Any:
+    """Read what a job of claims wrote, as a type; raises ArtifactError if it is missing, damaged, or of another one."""
     try:
         return TypeAdapter(kind).validate_json(Path(path).read_bytes())
     except OSError as error:

@@ -11,11 +11,11 @@ FLIGHTS = "montecarlo"  # the stage of which each Monte Carlo case has an artifa
 CHUNK, GATHER = f"{FLIGHTS}_chunk", f"{FLIGHTS}_gather"  # its two parts, of which chunks are jobs of their own
 
 
-def stage(*, claimed_in: tuple[str, ...] = (), priority: int = 0) -> Callable:
+def stage(*, claimed_in: tuple[str, ...] = ()) -> Callable:
     """Mark a function of a paper as a stage; its signature says what it needs, see `declarations.py`.
 
-    Claims use it in the readings of `claimed_in`, or in all; it can be built for any. Jobs of a higher `priority` start
-    first. Both are written as literals, as nothing is imported to read them.
+    Claims use it in the readings of `claimed_in`, or in all; it can be built for any. They are written as literals, as
+    nothing is imported to read them.
     """
     return lambda function: function
 
@@ -29,7 +29,6 @@ class Stage:
     needs: tuple[str, ...]  # artifacts that they take
     meaning: str
     claimed_in: tuple[str, ...] = ()
-    priority: int = 0
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ class Paper:
     headline claim, by its id, what came out. `beside` are further printed numbers in the picture of the headline
     claims: panels by title, and claims by label in each ("claim", or "claim[0]"). `unmarked` says of printed
     numbers, by the ids of their claims, why no figure marks them.
-    `closeups` are plots of the report that a reader can look into; `solves` says where solvers tell how they ended.
+    `solves` says where solvers tell how they ended.
     Jobs simulate whole blocks of trials. `noise`: patterns of "reading/artifact/field" that are too ill-conditioned to
     compare across machines. The claims of a `measured` paper speak of run times: its evaluators are given its rows of
     data/reference/benchmarks.csv.
@@ -121,7 +120,6 @@ class Paper:
     figures: dict[str, Product] = field(default_factory=dict)
     tables: dict[str, Product] = field(default_factory=dict)
     described: dict[str, str] = field(default_factory=dict)
-    closeups: tuple[str, ...] = ()
     solves: tuple[Solve, ...] = ()
     errata: tuple[Erratum, ...] = ()
     question: str = ""

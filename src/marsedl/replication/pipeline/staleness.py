@@ -270,22 +270,21 @@ class Recipes:
             size=self.size,
             own=study.own_choices,
             choices={one.name: asdict(one) for one in study.choices},
+            errata=[erratum.id for erratum in self.papers[paper].errata],
             published=self._file_digest(f"data/published/{paper}.yaml"),
             committed=self._file_digest(f"data/reference/universes/{paper}.h5"),
         )
 
     def _site(self) -> Made:
         of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
-        of_papers += [f"report/universes/{paper}.h5" for paper in self.papers]
+        of_papers += [f"report/universes/{paper}.json" for paper in self.papers]
         packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
         files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
-        closeups = [entry_of(slug, "closeups", name) for slug, paper in self.papers.items() for name in paper.closeups]
         return self._made(
-            *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py", *closeups),
+            *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py"),
             size=self.size,
             readings={paper: self._described(paper) for paper in self.papers},
-            own={paper: study.own_choices for paper, study in self.studies.items()},
             files={name: self._file_digest(name) for name in files},
             catalogues={paper: self.sources.code(f"marsedl.papers.{paper}:PAPER") for paper in self.papers},
         )

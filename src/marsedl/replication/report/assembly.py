@@ -1,6 +1,5 @@
 """Collect the contents of the report from the catalogues, the readings and the product files."""
 
-import contextlib
 import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,11 +13,9 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.quotes import Quotes, with_numbers
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.sections import Inputs
-from marsedl.replication.pipeline.catalogue import Paper, Solve, entry_of, function_of
-from marsedl.replication.pipeline.injection import Arguments, Missing
+from marsedl.replication.pipeline.catalogue import Paper, Solve
 from marsedl.replication.records import store
-from marsedl.replication.report.closeups import CloseUp
-from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.deciding import Decided
 
 _ENDINGS = {True: "converged", False: "not converged", b"": "not solved"}  # other texts are shown as they are
 
@@ -38,15 +35,15 @@ def written(reading: Reading, name: str) -> str:
 class PaperReport:
     """All that the report says about one paper, whose catalogue has the numbers of its texts.
 
-    `judge` knows its universes, `inputs` have unit and meaning by name, `solves` and `provenance` are rows of text.
+    `decided` is what its universes say, `inputs` have unit and meaning by name, `solves` and `provenance` are rows of
+    text.
     """
 
     catalogue: Paper
     claims: Sequence[Claim]
     readings: Mapping[str, Reading]
-    judge: Judge | None = None
+    decided: Decided | None = None
     inputs: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    closeups: Sequence[CloseUp] = ()
     solves: Sequence[Sequence[str]] = ()
     provenance: Sequence[Sequence[str]] = ()
 
@@ -57,7 +54,7 @@ def paper_report(
     readings: Mapping[str, Reading],
     claims: Iterable[Claim],
     paths: Paths,
-    judge: Judge,
+    decided: Decided,
 ) -> PaperReport:
     """Return the contents of the report on one paper, of the `claims` of all papers; `paths` are its artifacts.
 
@@ -68,9 +65,8 @@ def paper_report(
         with_numbers(catalogue, Quotes(claims, readings)),
         claims,
         readings,
-        judge,
+        decided,
         {name: (model.unit(name), model.meaning(name)) for name in names},
-        closeups(catalogue, files),
         [one for solve in catalogue.solves if (one := solved(solve, paths))],
         provenance(files),
     )
@@ -112,19 +108,3 @@ def provenance(files: Mapping[str, str]) -> list[list[str]]:
         seed = next((str(value) for key, value in stored["inputs"].items() if key.endswith(".seed")), "–")
         rows.append([name, meaning, made_from, seed, stored["code"]])
     return rows
-
-
-def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
-    """Draw the plots of a paper that a reader can look into; those whose artifacts are not built are left out.
-
-    Raises ArtifactError if an artifact is damaged, or not what its name says.
-    """
-
-    def load(name: str, kind: type) -> Any:
-        return store.load(files[name], kind, paper=catalogue.slug) if name in files else None
-
-    plots, given = [], Arguments({}, load)
-    for name in catalogue.closeups:
-        with contextlib.suppress(Missing):
-            plots.append(given.call(function_of(entry_of(catalogue.slug, "closeups", name))))
-    return plots

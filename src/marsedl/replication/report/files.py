@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
-ASSETS = ("site.css", "site.js", "closeups.js", "minisearch.js")
-SEARCH_DATA = "assets/search-data.js"
+ASSETS = ("site.css", "site.js", "explorer.js", "minisearch.js")
+SEARCH_DATA, EXPLORED = "assets/search-data.js", "assets/universes-{}.js"
 COMPARISON = "comparison"  # the page of all papers together, and its folder
 OTHER_PAGES = ("index", COMPARISON, "about")
 PROVENANCE, ZIP = "provenance.csv", "report.zip"
@@ -16,6 +16,7 @@ def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
         *(f"{page}.html" for page in dict.fromkeys([*OTHER_PAGES, *figures])),
         *(f"{slug}_evidence.html" for slug in figures if slug != COMPARISON),
         *(f"assets/{name}" for name in ASSETS),
+        *(EXPLORED.format(slug) for slug in figures if slug != COMPARISON),
         *(SEARCH_DATA, PROVENANCE),
         *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
         ZIP,

@@ -8,12 +8,11 @@ from marsedl.replication.claims.claim import STANDING_VERDICTS, Cause, Claim, Do
 from marsedl.replication.claims.numbers import flatten, format_number
 from marsedl.replication.claims.rows import format_result
 from marsedl.replication.claims.thresholds import ROUNDING
-from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, in_words
+from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.report.formulas import with_raised_powers
 
 _MOST_WORDS = 12  # of a reason in one line
 _CLAUSE = 4  # words; a shorter clause is no reason
-_CLASSES = {WITHHELD: "not printed", MISPRINT: "a possible misprint", SETTING: "a setting left open"}
 _UNITS = {"1": "", "not given": "", "percent": "%"}  # as they are shown
 
 
@@ -57,22 +56,17 @@ def limit(margin: Margin | None) -> str:
     return with_unit(re.sub(r"\.?0+(?=e|$)", "", text) if "." in text else text, margin.unit)
 
 
-def cause(row: Claim, found: tuple[Choice, str] | None = None) -> str:
-    """Return which value of a choice reproduces a claim by itself, or else comes nearest to what is printed.
-
-    found: the choice, and the unit of the number
-    """
+def cause(row: Claim) -> str:
+    """Return which value of a choice reproduces a claim by itself, or else comes nearest to what is printed."""
     if row.universes is None:
         return ""
     misprint, text = row.universes.misprint, "No choice that we varied by itself explains it"
     if one := row.universes.cause:
-        choice, unit = found or (None, "")
-        kind = choice and (f"erratum {choice.erratum}" if choice.erratum else _CLASSES[choice.kind])
         does = _does(row) if one.verdict in STANDING_VERDICTS else f"comes nearest to {_target(row)}"
-        text = f"{_named(one).capitalize()}{f' ({kind})' if kind else ''} {does}"
+        text = f"{_named(one).capitalize()} ({one.why}) {does}"
         if None not in (one.number, one.corrected) and one.number != one.corrected:
             ends = [near(end, one.number - one.corrected) for end in (one.corrected, one.number)]
-            text += f": {ends[0]} becomes {with_unit(ends[1], unit)}"
+            text += f": {ends[0]} becomes {with_unit(ends[1], one.unit)}"
     return f"{text}; {_named(misprint)}, which is set apart, {_does(row)}" if misprint else text
 
 

@@ -11,7 +11,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, COUNTED_VERDICTS, VERDICTS_OF, Claim
+from marsedl.replication.claims.claim import (
+    BY_CONSTRUCTION,
+    COUNTED_VERDICTS,
+    REFUTED_VERDICTS,
+    STANDING_VERDICTS,
+    VERDICTS_OF,
+    Claim,
+)
 from marsedl.replication.claims.counts import counted, plural
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number
 from marsedl.replication.claims.rows import format_result, summary, unexplained
@@ -23,12 +30,11 @@ from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import files, one_line
 from marsedl.replication.report.assembly import PaperReport, written
-from marsedl.replication.report.deciding import Deciding, Number, is_turned
 from marsedl.replication.report.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, SEEN, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.joint import joint
+from marsedl.replication.universes.deciding import Explorer, Number, is_turned
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _BARS = 10  # values of choices that are drawn
@@ -73,6 +79,11 @@ def build_site(
         for name, end in (("paper", ""), ("evidence", "_evidence")):
             written[f"{entry['paper'].slug}{end}.html"] = render(name, entry=entry)
     written |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in files.ASSETS}
+    written |= {
+        files.EXPLORED.format(report.catalogue.slug): _explored(report.decided.explorer)
+        for report in papers
+        if report.decided
+    }
     written[files.PROVENANCE] = _provenance(papers)
     written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
     for entry in (*entries, together):
@@ -121,6 +132,21 @@ def _templates() -> Any:
 def _json(data: Any) -> str:
     """JSON that may stand inside of a <script>: no text in it can end the element."""
     return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _explored(explorer: Explorer) -> bytes:
+    """The universes of a paper as a script that the explorer loads, with verdicts as places among their names."""
+    verdicts = sorted({verdict for one in explorer.answers for verdict in one.verdicts})
+    answers = [
+        one._asdict() | {"verdicts": [verdicts.index(verdict) for verdict in one.verdicts]} for one in explorer.answers
+    ]
+    data = {
+        "numbers": explorer.numbers,
+        "verdicts": [[in_words(one), one in STANDING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
+        "knobs": [one._asdict() | {"said": _capital(in_words(one.choice))} for one in explorer.knobs],
+        "answers": answers,
+    }
+    return f"const UNIVERSES = {_json(data)};\n".encode()
 
 
 def _provenance(papers: Iterable[PaperReport]) -> bytes:
@@ -186,11 +212,11 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         for name, result in row.readings.items()
         if is_turned(row.readings[CORRECTED].verdict, result.verdict)
     )
-    deciding = Deciding(rows, paper.errata, report.judge)
+    decided = report.decided
     figures = _shown(paper.figures, folder)
     tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
-    of_universes = files.universe_pictures(_said(row).rstrip(".") for row in headline) if report.judge else {}
+    of_universes = files.universe_pictures(_said(row).rstrip(".") for row in headline) if decided else {}
     of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
     first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
     return {
@@ -202,11 +228,13 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "headline": headline,
         "summary": summary(rows),
         "counts": counted(rows),
-        "causes": deciding.causes(),
-        "deciding": deciding.number and _deciding(deciding.number),
-        "effects": deciding.effects(),
-        "open": deciding.open(),
-        "joint": report.judge and joint(report.judge),
+        "rows": {row.id: row for row in rows},
+        "errata": {one.id: one for one in paper.errata},
+        "deciding": decided and decided.number and _deciding(decided.number),
+        "run": decided and decided.run,
+        "effects": decided.errata if decided else (),
+        "open": decided.open if decided else (),
+        "joint": decided and decided.joint,
         "universes": _shown({name: Product(said) for name, said in of_universes.items()}, folder).values(),
         "changed": dict(sorted(changed.items(), key=lambda verdicts: -len(verdicts[1]))),
         "picture": _shown(of_headline, folder).get(files.HEADLINE),
@@ -283,7 +311,6 @@ def _searched(entries: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             parts.append((one.id, "erratum", f"{one.id}. {one.title or one.printed}", one.printed, one.used))
         parts += [(f"input-{key}", "input", key, meaning) for key, (_, meaning) in report.inputs.items()]
         parts += [(f"reading-{key}", "reading", key, one["summary"]) for key, one in report.readings.items()]
-        parts += [(f"closer-{one.name}", "closer look", one.title, one.text) for one in report.closeups]
         if paper.title:
             parts.append(("short", "paper", name, paper.title, paper.authors, paper.question))
         for anchor, kind, title, *texts in parts:

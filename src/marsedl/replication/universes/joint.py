@@ -53,15 +53,14 @@ class Joint(NamedTuple):
     not_computed: Sequence[str]
 
 
-def joint(judge: Judge) -> Joint:
-    """Return what the universes of a table say of all headlines together."""
-    matching = Matching(judge)
+def joint(judge: Judge, matching: Matching) -> Joint:
+    """Return what the universes of a table say of all headlines together, also by waves towards them."""
     computed = {name for name, at in judge.column.items() if judge.has_result[:, at].any()}
     names = [one.id for one in matching.headlines if one.id in computed]
     places = [judge.column[name] for name in names]
     never = [tuple(names[k] for k in those) for those in _never_together(judge, places)]
     absent = [one.id for one in matching.headlines if one.id not in computed]
-    return Joint(matching.waves(), _best(judge, places) if names else None, never, _halves(judge), absent)
+    return Joint(matching.waves, _best(judge, places) if names else None, never, _halves(judge), absent)
 
 
 def _best(judge: Judge, places: Sequence[int]) -> Best:
@@ -110,7 +109,7 @@ def _halves(judge: Judge) -> list[Predicted]:
 
 def in_sentences(judge: Judge) -> str:
     """Return how many universes there are, and what they say of all headlines together, in Markdown."""
-    found, table = joint(judge), judge.table
+    found, table = joint(judge, Matching(judge)), judge.table
     designs = {
         "with one choice varied": int(judge.among(ONE_AT_A_TIME).sum()) - 1,
         "that fill the space": int(judge.among(SPACE_FILLING).sum()),

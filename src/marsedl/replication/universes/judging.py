@@ -29,7 +29,7 @@ from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Declaration, verdicts_in_universes, worst
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.inputs.choices import MISPRINT, Choice, Choices, Value
+from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choice, Choices, Value
 from marsedl.replication.inputs.readings import Study, load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
@@ -54,6 +54,7 @@ FEWEST = 20  # space-filling universes that decide a claim; fewer give it no lab
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
 NOTHING = (math.nan, 0.0, math.nan)
+CLASSES = {WITHHELD: "not printed", MISPRINT: "a possible misprint", SETTING: "a setting left open"}
 
 
 class Share(NamedTuple):
@@ -248,14 +249,14 @@ class Judge:
         """Judge a claim in all universes by the rules of `verdicts`."""
         found = self.finding[:, at]
         if self.is_statement(claim.id):
-            verdicts, bound = found, found == BY_CONSTRUCTION
+            verdicts = found
         else:
             places = [self._places[claim.id][label] for label in self._labels(claim.id)]
             value, error, _ = self.numbers[:, :, places]
             of_numbers = verdicts_in_universes(claim, declared.close, value, error, self.trials[:, at], self.base)
             verdicts = worst(of_numbers)
             self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
-            bound = found == BY_CONSTRUCTION
+        bound = found == BY_CONSTRUCTION
         confirmed = np.isin(verdicts, (*STANDING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
         verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
@@ -282,8 +283,8 @@ class Judge:
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
         indices = self.indices(self.numbers[0][:, place], filled, claim, pairs=pairs)
         of_verdict = self.indices(np.where(decided, stands, np.nan), filled, claim, pairs=pairs)
-        label = self._label(claim)
-        by_itself = (*effects, *self._in_readings(claim))
+        label, in_readings = self._label(claim), self._in_readings(claim)
+        by_itself = (*effects, *in_readings)
         alone, together = self._depends_on(stands[self.base], by_itself, (*indices, *of_verdict))
         return Judged(
             self.component[place][1],
@@ -292,7 +293,7 @@ class Judge:
             label,
             *((alone, together) if label == DEPENDS else (self._turning(stands[self.base], by_itself), ())),
             effects,
-            *self._causes(claim),
+            *self._causes(claim, in_readings),
             share_of(stands, filled),
             share_of(stands, with_result),
             share_of(self.verdicts[:, at] == "undetermined", with_result),
@@ -330,9 +331,33 @@ class Judge:
             of=of,
             low=low,
             high=high,
-            cause=_as_cause(one.cause),
-            misprint=_as_cause(one.misprint),
+            cause=self._as_cause(claim, one.cause),
+            misprint=self._as_cause(claim, one.misprint),
         )
+
+    def _as_cause(self, claim: str, one: Effect | None) -> Cause | None:
+        if one is None:
+            return None
+        choice = self.choices.by_name[one.choice]
+        return Cause(
+            choice=one.choice,
+            why=f"erratum {choice.erratum}" if choice.erratum else CLASSES[choice.kind],
+            value=f"{one.value:g}" if isinstance(one.value, float) else str(one.value),
+            where=one.where,
+            verdict=one.verdict,
+            number=one.number,
+            corrected=one.number - one.difference,
+            unit=self.unit(claim),
+        )
+
+    def unit(self, claim: str) -> str:
+        """Return the unit of the number that decides a claim."""
+        if self.is_statement(claim):
+            margin = self.rows[claim].result.margin if claim in self.rows else None
+            return margin.unit if margin else ""
+        units, label = self.published[claim].unit.split(", "), self.component[self.component_place(claim)][1]
+        index = next(index for name, index, _ in components_of(self.published[claim]) if name == label)
+        return units[index[0]] if index and len(units) > 1 else self.published[claim].unit
 
     def component_place(self, claim: str) -> int:
         """Return the column of the number that decides a claim in `corrected`.
@@ -424,13 +449,13 @@ class Judge:
         # A statement holds on the side of `corrected`, or on the other one.
         return distance * float(np.sign(corrected[0] - corrected[2])) * (1.0 if fails else -1.0)
 
-    def _causes(self, claim: str) -> tuple[Effect | None, Effect | None]:
+    def _causes(self, claim: str, in_readings: Sequence[Effect]) -> tuple[Effect | None, Effect | None]:
         """Return the value of a choice that by itself makes a refuted claim true, or else nearest to true.
 
         Misprints, values set apart, what is undetermined, and what ends beyond the printed value are no causes; one of
         the first two that makes the claim true is returned beside.
         """
-        row, in_readings = self.rows.get(claim), self._in_readings(claim)
+        row = self.rows.get(claim)
         if (row.verdict if row else self.verdict(claim)) not in REFUTED_VERDICTS:
             return None, None
         known = {(one.choice, one.value) for one in in_readings}
@@ -540,14 +565,6 @@ def correlation_ratio(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
 def _nearest_of(effects: Sequence[Effect]) -> Effect | None:
     """The effect in which least is missing."""
     return min(effects, key=lambda one: math.inf if math.isnan(one.missing) else one.missing, default=None)
-
-
-def _as_cause(one: Effect | None) -> Cause | None:
-    if one is None:
-        return None
-    value = f"{one.value:g}" if isinstance(one.value, float) else str(one.value)
-    numbers = {"number": one.number, "corrected": one.number - one.difference}
-    return Cause(choice=one.choice, value=value, where=one.where, verdict=one.verdict, **numbers)
 
 
 def only_moved(choices: Choices, values: Mapping[str, object], before: Mapping[str, object]) -> str:

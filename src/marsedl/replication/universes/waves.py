@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -117,8 +118,9 @@ class Matching:
         is_statement = self.judge.is_statement(label.partition("[")[0])
         return np.maximum(mean if is_statement else np.abs(mean) - math.asinh(SIGMAS), 0.0)
 
+    @cached_property
     def waves(self) -> list[Wave]:
-        """Return what each wave ruled out by which the judged universes were computed."""
+        """What each wave ruled out by which the judged universes were computed."""
         table = selected(self.judge.table, self.judge.table.seed == 0)
         numbers = range(1 + int(table.wave.max()))
         return [self.wave(self.judge.over(selected(table, table.wave <= k)), k)[0] for k in numbers]
