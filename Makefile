@@ -26,8 +26,9 @@ COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-inde
 
 .PHONY: all test quick lint verify bench docs schemas slurm clean lock environment
 
+# On a terminal with bars by kind of job; elsewhere with a line for each.
 all: $(STAMP)
-	. $(BIN)/activate && snakemake all
+	. $(BIN)/activate && snakemake all $(shell test -t 2 && echo --logger rich)
 
 test: $(STAMP)
 	. $(BIN)/activate && pytest -n 3 --dist loadgroup --no-loadscope-reorder

@@ -285,7 +285,14 @@ def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
     assert accept_universes(root, tmp_path, ["toy", "old", "none"]) == [root / "data/reference/universes/toy.h5"]
     assert f"old: {folder / 'waves/old.h5'} is not stored: it is of other inputs or code" in capsys.readouterr().out
     assert compare_universes(root, tmp_path, ["toy"])
-    assert "4 universes compared with 16 committed, 0 differ" in capsys.readouterr().out
+    assert "16 universes compared with 16 committed, 0 differ" in capsys.readouterr().out
+    damaged = replace(large, value=large.value + np.where(large.of == 1011, 1e-9, 0.0))
+    store.save(root / "data/reference/universes/toy.h5", damaged, paper="toy", reading="x", provenance={"world": "a"})
+    assert not compare_universes(root, tmp_path, ["toy"]), "a whole new run finds what no sample has to hold"
+    assert "toy: universe 1011: " in capsys.readouterr().out
+    (folder / "waves/toy.h5").unlink()
+    assert compare_universes(root, tmp_path, ["toy"])
+    store.save(root / "data/reference/universes/toy.h5", large, paper="toy", reading="x", provenance={"world": "a"})
     moved = replace(small, value=small.value + other)
     store.save(folder / "toy.h5", moved, paper="toy", reading="x", provenance={"world": "a"})
     assert not compare_universes(root, tmp_path, ["toy"])

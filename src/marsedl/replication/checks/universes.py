@@ -42,6 +42,7 @@ def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
 def compared(root: Path, build: Path, slug: str) -> Compared:
     """Compare the universes of a paper's build with those of the same numbers in its committed run.
 
+    A build has a sample of them, or all if `snakemake multiverse` has computed a new run of the same inputs and code.
     Raises ArtifactError, which names file and remedy, if one of the two is damaged or another paper's, or if the build
     has none.
     """
@@ -61,6 +62,9 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
         return Compared(
             f"universes not compared: the committed run is of other inputs or code; {renew}", is_missing=True
         )
+    whole = build / WAVES.format(slug)
+    if whole.exists() and of_one_world(whole, built):
+        small = store.load(whole, Universes, paper=slug)
     large = store.load(run, Universes)
     moved = changed(large, small)
     counts = f"{len(small.number)} universes compared with {len(large.number)} committed, {len(moved)} differ"

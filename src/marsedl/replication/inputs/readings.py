@@ -25,7 +25,7 @@ from marsedl.replication.inputs.written import Settings, WrittenReading, configu
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
 
-SMALL = 2  # universes of each design of a smaller size
+SMALL = 1  # universes of each design of a smaller size, beside corrected
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
 SETTINGS = tuple(Settings.model_fields)  # at the top of a user's configuration, beside the papers
 Limits = Mapping[str, Mapping[str, float]]  # by section and input: the number that no number of the input may exceed
@@ -227,19 +227,19 @@ def _study(
         choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, at)
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
-    designs = (file.universes.space_filling, file.universes.one_at_a_time, None)
+    designs, jobs = (file.universes.space_filling, file.universes.one_at_a_time, None), file.universes.jobs
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place, files)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: _limited(reading, root, limits, place) for name, reading in readings.items()}
-        bounds, designs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL)
+        bounds, designs, jobs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL), 1
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
     built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *part.readings))
     return Study(
         *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
         *(frozenset(part.readings), settings.size, choices, {}, file.universes, designs),
-        *(settings.universes or file.universes.multiverse, settings.chunks or file.universes.jobs, root, tuple(bounds)),
+        *(settings.universes or file.universes.multiverse, settings.chunks or jobs, root, tuple(bounds)),
     )
 
 
