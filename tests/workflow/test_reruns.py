@@ -275,6 +275,22 @@ def test_a_word_about_a_printed_value_reruns_the_claims_and_no_artifact_universe
     assert plan.papers == {"powered_descent"}
 
 
+@pytest.mark.parametrize(
+    ("paper", "module", "old", "new"),
+    [
+        ("powered_descent", "sec5_example", "The printed downrange variance fits", "It fits"),
+        ("desensitized", "sec4_1_table3", "absolute=(0.0044, ", "absolute=(0.0088, "),
+    ],
+    ids=["word", "tolerance"],
+)
+def test_what_is_said_of_a_claim_reruns_its_papers_verdicts_and_computes_nothing(project, paper, module, old, new):
+    project.edit(f"{PACKAGE}/papers/{paper}/claims/{module}.py", old, new)
+    plan = project.edited()
+    assert plan.kinds() == CLAIMS
+    assert {job.name for job in plan.rerun if job.kind == "universes"} == {f"{paper}_what_decides"}
+    assert plan.papers == {paper}
+
+
 def test_an_input_of_figures_reruns_no_artifact(project):
     project.set_inputs("corrected", ellipse_sigma=2.5)
     plan = project.edited()

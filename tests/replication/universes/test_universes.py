@@ -202,15 +202,16 @@ def test_a_page_says_what_an_erratum_changes_and_what_decides(judge, tmp_path):
 def test_the_explorer_has_the_numbers_and_verdicts_of_every_universe(judge):
     rows = [claim_row(judge, one) for one in PUBLISHED]
     found = decided(rows, (), judge, Matching(judge)).explorer
-    assert list(found.numbers) == judge.table.number.tolist()
-    for answer in found.answers:
-        numbers = judge.numbers[0][:, judge.component_place(answer.claim)]
-        assert list(answer.values) == pytest.approx(numbers.tolist(), rel=1e-3, nan_ok=True)
-        assert list(answer.verdicts) == judge.verdicts[:, judge.column[answer.claim]].tolist()
-    for knob, choice, assigned in zip(found.knobs, judge.choices, judge.table.assignment.T, strict=True):
-        for place, number in zip(knob.places, assigned.tolist(), strict=True):
-            value, words = knob.values[place]
-            if choice.range and place != knob.ours:
+    assert found["numbers"] == judge.table.number.tolist()
+    for answer in found["answers"]:
+        numbers = judge.numbers[0][:, judge.component_place(answer["claim"])]
+        assert answer["values"] == pytest.approx(numbers.tolist(), rel=1e-3, nan_ok=True)
+        verdicts = [found["verdicts"][place][0] for place in answer["verdicts"]]
+        assert verdicts == judge.verdicts[:, judge.column[answer["claim"]]].tolist()
+    for knob, choice, assigned in zip(found["knobs"], judge.choices, judge.table.assignment.T, strict=True):
+        for place, number in zip(knob["places"], assigned.tolist(), strict=True):
+            value, words = knob["values"][place]
+            if choice.range and place != knob["ours"]:
                 low, high = map(float, words.split(" to "))
                 assert low <= number <= high and low < float(value) < high
             elif choice.range:

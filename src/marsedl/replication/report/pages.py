@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 from marsedl.replication.claims.claim import (
     BY_CONSTRUCTION,
     COUNTED_VERDICTS,
-    REFUTED_VERDICTS,
-    STANDING_VERDICTS,
     VERDICTS_OF,
     Claim,
 )
@@ -34,7 +32,7 @@ from marsedl.replication.report.formulas import with_formulas, with_raised_power
 from marsedl.replication.report.front_page import words
 from marsedl.replication.report.likeness import LIKENESSES, SEEN, with_likeness
 from marsedl.replication.report.pictures import picture
-from marsedl.replication.universes.deciding import Explorer, Number, is_turned
+from marsedl.replication.universes.deciding import Number, is_turned
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _BARS = 10  # values of choices that are drawn
@@ -80,9 +78,8 @@ def build_site(
             written[f"{entry['paper'].slug}{end}.html"] = render(name, entry=entry)
     written |= {f"assets/{name}": (_TEMPLATES / name).read_bytes() for name in files.ASSETS}
     written |= {
-        files.EXPLORED.format(report.catalogue.slug): _explored(report.decided.explorer)
-        for report in papers
-        if report.decided
+        files.EXPLORED.format(one.catalogue.slug): f"const UNIVERSES = {_json(one.decided.explorer)};\n".encode()
+        for one in papers
     }
     written[files.PROVENANCE] = _provenance(papers)
     written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
@@ -132,21 +129,6 @@ def _templates() -> Any:
 def _json(data: Any) -> str:
     """JSON that may stand inside of a <script>: no text in it can end the element."""
     return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _explored(explorer: Explorer) -> bytes:
-    """The universes of a paper as a script that the explorer loads, with verdicts as places among their names."""
-    verdicts = sorted({verdict for one in explorer.answers for verdict in one.verdicts})
-    answers = [
-        one._asdict() | {"verdicts": [verdicts.index(verdict) for verdict in one.verdicts]} for one in explorer.answers
-    ]
-    data = {
-        "numbers": explorer.numbers,
-        "verdicts": [[in_words(one), one in STANDING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
-        "knobs": [one._asdict() | {"said": _capital(in_words(one.choice))} for one in explorer.knobs],
-        "answers": answers,
-    }
-    return f"const UNIVERSES = {_json(data)};\n".encode()
 
 
 def _provenance(papers: Iterable[PaperReport]) -> bytes:

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Standing
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, STANDING_VERDICTS, Claim, Standing
 from marsedl.replication.claims.rows import read_json
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs.choices import Choice, Value, in_words
@@ -97,41 +97,11 @@ class Run(NamedTuple):
     seeds: Share
 
 
-class Knob(NamedTuple):
-    """A choice that a reader can turn: its values, and the place of each universe's value among them.
-
-    A value is written as a command takes it, and in words. A range is divided into equal parts, of which the command
-    takes the middle, after the value of `corrected`; `ours` is the place of that value of any choice.
-    """
-
-    choice: str
-    ours: int
-    values: tuple[tuple[str, str], ...]
-    places: tuple[int, ...]
-
-
-class Answer(NamedTuple):
-    """What universes say of a claim's deciding number: value, error and verdict of each; None without a result."""
-
-    claim: str
-    said: str
-    unit: str
-    mark: float | None
-    values: tuple[float | None, ...]
-    errors: tuple[float, ...] | None
-    verdicts: tuple[str, ...]
-
-
-class Explorer(NamedTuple):
-    """The universes as a reader of the pages explores them: their numbers, the knobs, and what each claim says."""
-
-    numbers: tuple[int, ...]
-    knobs: tuple[Knob, ...]
-    answers: tuple[Answer, ...]
-
-
 class Decided(NamedTuple):
-    """All that pages show of a paper's universes; `number` is that of the headline which the main choice moves."""
+    """All that pages show of a paper's universes.
+
+    `number` is that of the headline which the main choice moves; `explorer` is what the script of the pages explores.
+    """
 
     standings: dict[str, Standing]
     errata: tuple[ErratumEffect, ...]
@@ -139,7 +109,7 @@ class Decided(NamedTuple):
     open: tuple[Open, ...]
     joint: Joint
     run: Run
-    explorer: Explorer
+    explorer: dict[str, Any]
 
 
 _DECIDED = TypeAdapter(Decided, config=ConfigDict(ser_json_inf_nan="constants"))
@@ -277,44 +247,59 @@ def _range(effects: Iterable[Effect], choice: str) -> tuple[float, float]:
 # ------------------------------------------------------------------------------------------------------ the explorer
 
 
-def _explorer(judged: Sequence[Claim], judge: Judge) -> Explorer:
-    """What a reader may ask of the universes, but for those that are computed again with other random numbers."""
-    own = np.flatnonzero(judge.table.seed == 0)
+def _explorer(judged: Sequence[Claim], judge: Judge) -> dict[str, Any]:
+    """What a reader may ask of the universes, but for those that are computed again with other random numbers.
+
+    It has the `numbers` of universes; `verdicts` with whether claims stand or are refuted with them; `knobs`, the
+    choices, with values as a command takes them and in words, and the place of each universe's value among them, of
+    which that of `corrected` is `ours`; and `answers`, of each claim what is printed or its limit (`mark`, null if
+    universes do not agree on it), and by universe value, error and the place of the verdict.
+    """
+    own, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
     assignment = zip(judge.choices, judge.table.assignment[own].T, strict=True)
-    knobs = (_knob(one, judge.choices.default(one), assigned) for one, assigned in assignment)
     ordered = sorted(judged, key=lambda row: (not row.headline, row.headline or 0))
-    answers = (_answer(row, judge, own) for row in ordered if judge.has_result[own, judge.column[row.id]].any())
-    return Explorer(tuple(judge.table.number[own].tolist()), tuple(knobs), tuple(answers))
+    computed = [row for row in ordered if judge.has_result[own, judge.column[row.id]].any()]
+    return {
+        "numbers": judge.table.number[own].tolist(),
+        "verdicts": [[in_words(one), one in STANDING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
+        "knobs": [_knob(one, judge.choices.default(one), assigned) for one, assigned in assignment],
+        "answers": [_answer(row, judge, own, verdicts) for row in computed],
+    }
 
 
-def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> Knob:
+def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any]:
+    """A choice; a range is divided into equal parts, of which a command takes the middle, after the value of ours."""
+    said = in_words(choice.name)
+    knob = {"choice": choice.name, "said": said[:1].upper() + said[1:], "ours": 0}
     if choice.range is None:
         names = [*choice.alternatives]
-        ours = names.index(default)
-        places = np.where(np.isfinite(assigned), np.nan_to_num(assigned), ours).astype(int)
-        return Knob(choice.name, ours, tuple((name, in_words(name)) for name in names), tuple(places.tolist()))
+        knob["ours"] = names.index(default)
+        places = np.where(np.isfinite(assigned), np.nan_to_num(assigned), knob["ours"])
+        return knob | {"values": [[name, in_words(name)] for name in names], "places": places.astype(int).tolist()}
     ends = [f"{choice.range.at(part / PARTS):.3g}" for part in range(PARTS + 1)]
-    parts = (
-        (f"{choice.range.at((part + 0.5) / PARTS):.4g}", f"{ends[part]} to {ends[part + 1]}") for part in range(PARTS)
-    )
-    values = (f"{default:g}", f"{default:g}"), *parts
+    values = [[f"{default:g}", f"{default:g}"]]
+    for part in range(PARTS):
+        values.append([f"{choice.range.at((part + 0.5) / PARTS):.4g}", f"{ends[part]} to {ends[part + 1]}"])
     is_ours = ~np.isfinite(assigned) | (assigned == default)
     shares = np.array([choice.range.share(float(one)) for one in np.where(is_ours, choice.range.low, assigned)])
-    places = np.where(is_ours, 0, 1 + interval_of(shares, PARTS))
-    return Knob(choice.name, 0, tuple(values), tuple(places.tolist()))
+    return knob | {"values": values, "places": np.where(is_ours, 0, 1 + interval_of(shares, PARTS)).tolist()}
 
 
-def _answer(row: Claim, judge: Judge, own: np.ndarray) -> Answer:
-    at, place = judge.column[row.id], judge.component_place(row.id)
-    value, error, limit = judge.numbers[:, own, place]
-    is_told = judge.has_result[own, at] & np.isfinite(value)
-    values = [float(f"{one:.4g}") if told else None for one, told in zip(value, is_told, strict=True)]
-    errors = tuple(float(f"{one:.2g}") for one in np.nan_to_num(error)) if np.nan_to_num(error).any() else None
-    marks = limit[np.isfinite(limit)]
-    mark = float(marks[0]) if len(marks) and (marks == marks[0]).all() else None
-    said = row.plain or row.quantity
-    verdicts = tuple(judge.verdicts[own, at].tolist())
-    return Answer(row.id, said[:1].upper() + said[1:], judge.unit(row.id), mark, tuple(values), errors, verdicts)
+def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
+    at, said = judge.column[row.id], row.plain or row.quantity
+    value, error, limit = judge.numbers[:, own, judge.component_place(row.id)]
+    is_told, error = judge.has_result[own, at] & np.isfinite(value), np.nan_to_num(error)
+    marks = np.unique(limit[np.isfinite(limit)]).tolist()
+    return {
+        "claim": row.id,
+        "said": said[:1].upper() + said[1:],
+        "is_statement": row.is_statement,
+        "unit": judge.unit(row.id),
+        "mark": marks[0] if len(marks) == 1 else None,
+        "values": [float(f"{one:.4g}") if told else None for one, told in zip(value, is_told, strict=True)],
+        "errors": [float(f"{one:.2g}") for one in error] if error.any() else None,
+        "verdicts": [verdicts.index(one) for one in judge.verdicts[own, at]],
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------- tables

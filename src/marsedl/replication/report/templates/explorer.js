@@ -15,7 +15,7 @@ const shape = (name, attributes, ...inside) => {
 };
 const written = (value) => Number(value.toPrecision(4)).toString();
 const plural = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
-const ANY = "any", WIDTH = 720, RIM = 16;
+const ANY = "any", RIM = 16;
 
 const start = () => {
   const {numbers, verdicts, knobs, answers} = UNIVERSES;
@@ -35,6 +35,7 @@ const start = () => {
     const turned = knobs.flatMap((knob, at) => (chosen[at].value === ANY || Number(chosen[at].value) === knob.ours ? [] : [`${knob.choice}=${knob.values[chosen[at].value][0]}`]));
     return turned.length ? `marsedl what-if ${fold.dataset.paper} ${turned.join(" ")}` : "";
   };
+  const mark = (one) => (one.is_statement ? "limit" : "printed");
   const group = (k, one) => { const [, stands, refuted] = verdicts[one.verdicts[k]]; return stands ? "true" : refuted ? "false" : "open"; };
 
   const draw = (left, one) => {
@@ -42,14 +43,15 @@ const start = () => {
     const at = (share) => values[Math.round(share * (values.length - 1))];
     const ends = [at(0.02), at(0.98), ...(one.mark === null ? [] : [one.mark])];
     const low = Math.min(...ends), span = Math.max(...ends) - low || Math.abs(low) || 1;
-    const place = (value) => RIM + (WIDTH - 2 * RIM) * Math.min(Math.max((value - low) / span, 0), 1);
-    const lanes = {true: 30, open: 62, false: 94}, words = {true: "true", open: "undetermined", false: "differs or fails"};
-    const svg = shape("svg", {viewBox: `0 0 ${WIDTH} 136`, role: "img", "aria-label": told.textContent});
+    const width = root.clientWidth < 500 ? 360 : 720;
+    const place = (value) => RIM + (width - 2 * RIM) * Math.min(Math.max((value - low) / span, 0), 1);
+    const lanes = {true: 36, open: 74, false: 112}, words = {true: "true", open: "undetermined", false: "differs or fails"};
+    const svg = shape("svg", {viewBox: `0 0 ${width} 158`, role: "img", "aria-label": told.textContent});
     if (one.mark !== null) {
-      svg.append(shape("line", {x1: place(one.mark), x2: place(one.mark), y1: 14, y2: 116}));
-      svg.append(shape("text", {x: place(one.mark), y: 11, "text-anchor": "middle"}, "printed or limit"));
+      svg.append(shape("line", {x1: place(one.mark), x2: place(one.mark), y1: 15, y2: 138}));
+      svg.append(shape("text", {x: place(one.mark), y: 12, "text-anchor": place(one.mark) < width / 2 ? "start" : "end"}, mark(one)));
     }
-    for (const [name, y] of Object.entries(lanes)) svg.append(shape("text", {x: 4, y: y - 8, opacity: 0.75}, words[name]));
+    for (const [name, y] of Object.entries(lanes)) svg.append(shape("text", {x: 4, y: y - 10, opacity: 0.75}, words[name]));
     left.forEach((k, count) => {
       const name = group(k, one);
       const dot = shape("circle", {cx: place(one.values[k]), cy: lanes[name] + (count % 5) * 3, r: numbers[k] ? 3.5 : 6, class: name});
@@ -57,13 +59,13 @@ const start = () => {
       svg.append(dot);
     });
     const ticks = [[low, "start"], [low + span, "end"]];
-    for (const [value, anchor] of ticks) svg.append(shape("text", {x: place(value), y: 131, "text-anchor": anchor}, written(value)));
+    for (const [value, anchor] of ticks) svg.append(shape("text", {x: place(value), y: 153, "text-anchor": anchor}, written(value)));
     return svg;
   };
 
   const show = () => {
     const one = answers[claim.value], left = matching(), result = left.filter((k) => one.values[k] !== null);
-    const unit = one.unit === "1" ? "" : ` ${one.unit}`, mark = one.mark === null ? "" : ` Printed, or the limit: ${written(one.mark)}${unit}.`;
+    const unit = one.unit === "1" ? "" : ` ${one.unit}`, printed = one.mark === null ? "" : ` The ${one.is_statement ? "limit" : "printed number"} is ${written(one.mark)}${unit}.`;
     const counts = ["true", "open", "false"].map((name) => left.filter((k) => group(k, one) === name && verdicts[one.verdicts[k]][0] !== "none").length);
     const typical = result.map((k) => one.values[k]).sort((a, b) => a - b);
     const parts = [`${plural(left.length, "universe")} of ${numbers.length} left.`];
@@ -76,7 +78,7 @@ const start = () => {
     } else if (left.length) parts.push(left.length === 1 ? `Universe ${numbers[left[0]]} has no number: ${verdicts[one.verdicts[left[0]]][0]}.` : "None of them has a number.");
     else parts.push("None was computed with these answers together: set a knob to any.");
     const asked = command();
-    told.replaceChildren(parts.join(" ") + mark, ...(asked ? [make("br"), "With nothing else changed: ", make("code", {}, asked)] : []));
+    told.replaceChildren(parts.join(" ") + printed, ...(asked ? [make("br"), "With nothing else changed: ", make("code", {}, asked)] : []));
     picture.replaceChildren(...(result.length ? [draw(result, one)] : []));
     knobs.forEach((knob, at) => {
       const without = matching(at);
@@ -91,11 +93,11 @@ const start = () => {
 
   all.addEventListener("click", () => setAll(() => ANY));
   none.addEventListener("click", () => setAll((knob) => knob.ours));
-  const form = make("form", {}, make("label", {className: "wide"}, "Claim", claim), ...labels, make("div", {}, all, " ", none));
+  const form = make("form", {}, make("label", {className: "wide"}, "Claim", claim), told, picture, ...labels, make("div", {}, all, " ", none));
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("input", show);
   told.setAttribute("aria-live", "polite");
-  root.replaceChildren(make("p", {}, "Behind each answer stands how many universes have it, with the other knobs as they are."), form, told, picture);
+  root.replaceChildren(make("p", {}, "Behind each answer stands how many universes have it, with the other knobs as they are."), form);
   setAll((knob) => knob.ours);
 };
 
