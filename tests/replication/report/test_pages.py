@@ -458,6 +458,8 @@ def test_a_claim_that_most_universes_judge_otherwise_says_in_how_many_it_is_true
     standing = STILL.model_copy(update={"true": true, "of": 509})
     assert odd_one_out(headline_row("a", verdict, universes=standing)) == line
     assert odd_one_out(headline_row("a", verdict)) == ""
+    few = standing.model_copy(update={"label": "too_few"})
+    assert odd_one_out(headline_row("a", verdict, universes=few)) == ""
 
 
 def test_a_row_of_the_second_page_says_so_and_what_its_number_is(tmp_path):

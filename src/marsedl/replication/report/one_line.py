@@ -83,9 +83,9 @@ def _target(row: Claim) -> str:
 
 
 def odd_one_out(row: Claim) -> str:
-    """Return in how many universes a claim is true if most of them decide against `corrected`; else empty."""
+    """Return in how many universes a claim is true if most of enough decide against `corrected`; else empty."""
     one, is_true = row.universes, row.verdict in STANDING_VERDICTS
-    if not one or not one.of or not (is_true or row.is_refuted) or (2 * one.true > one.of) == is_true:
+    if not one or not one.of or one.label == "too_few" or not (is_true or row.is_refuted) or (2 * one.true > one.of) == is_true:
         return ""
     return f"true in {one.true} of {one.of} universes"
 
