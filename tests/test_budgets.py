@@ -13,13 +13,13 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_276,
+    "src/marsedl": 25_278,
     "src/marsedl/papers": 9_956,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
     "src/marsedl/montecarlo": 1_447,
     "src/marsedl/fly": 912,
-    "src/marsedl/replication": 6_201,  # the explorer of universes took the place of 45 statements of papers
+    "src/marsedl/replication": 6_203,  # the explorer of universes took the place of 45 statements of papers
 }
 LINES = 38_692  # of tests
 MEAN_LINES = {

@@ -15,20 +15,21 @@ BUILT, WAVES = "report/universes/{}.h5", "report/universes/waves/{}.h5"
 
 
 class Compared(NamedTuple):
-    """What was compared of a paper's universes, in words, and which of them differ in what.
+    """What was compared of a paper's universes, in words, how many, and which of them differ in what.
 
-    `is_missing` says that there are choices, and no committed run of these inputs and this code to compare with.
+    `is_old` says that there is a committed run, but of other inputs or code.
     """
 
     said: str
+    universes: int = 0
     moved: Mapping[int, str] = {}
-    is_missing: bool = False
+    is_old: bool = False
 
 
 def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
     """Compare the universes of a build with the committed runs; prints what was compared, and what not and why.
 
-    Returns whether none differs and those of no paper with choices are missing. Raises as `compared` does.
+    Returns whether some were compared, none differs, and no run is of other inputs or code. Raises as `compared` does.
     """
     found, lines = {slug: compared(root, build, slug) for slug in slugs}, []
     for slug, one in found.items():
@@ -36,7 +37,7 @@ def compare_universes(root: Path, build: Path, slugs: Iterable[str]) -> bool:
         lines += [f"  {slug}: universe {number}: {what}" for number, what in one.moved.items()]
     print("\n".join(lines))
     summarize("\n".join(lines))
-    return not any(one.moved or one.is_missing for one in found.values())
+    return any(one.universes for one in found.values()) and not any(one.moved or one.is_old for one in found.values())
 
 
 def compared(root: Path, build: Path, slug: str) -> Compared:
@@ -48,9 +49,8 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
     """
     built, run = build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
     small, remedy = store.load(built, Universes, paper=slug), f"restore it with 'git checkout {COMMITTED}/{slug}.h5'"
-    has_choices, renew = bool(len(small.choice)), "see docs/universes.md to make one"
     if not run.exists():
-        return Compared(f"universes not compared: there is no committed run; {renew}", is_missing=has_choices)
+        return Compared("universes not compared: there is no committed run; see docs/universes.md to make one")
     try:
         with store.opened(run) as file:
             owner = file.attrs["paper"]
@@ -59,16 +59,15 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
     if owner != slug:
         raise ArtifactError(f"{run}: is of the paper '{owner}', not '{slug}': {remedy}")
     if not of_one_world(run, built):
-        return Compared(
-            f"universes not compared: the committed run is of other inputs or code; {renew}", is_missing=True
-        )
+        other = "the committed run is of other inputs or code; see docs/universes.md to renew it"
+        return Compared(f"universes not compared: {other}", is_old=True)
     whole = build / WAVES.format(slug)
     if whole.exists() and of_one_world(whole, built):
         small = store.load(whole, Universes, paper=slug)
     large = store.load(run, Universes)
     moved = changed(large, small)
     counts = f"{len(small.number)} universes compared with {len(large.number)} committed, {len(moved)} differ"
-    return Compared(counts, moved, is_missing=not len(small.number))
+    return Compared(counts, len(small.number), moved)
 
 
 def accept_universes(root: Path, build: Path, slugs: Iterable[str]) -> list[Path]:

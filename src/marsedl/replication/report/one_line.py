@@ -85,7 +85,8 @@ def _target(row: Claim) -> str:
 def odd_one_out(row: Claim) -> str:
     """Return in how many universes a claim is true if most of enough decide against `corrected`; else empty."""
     one, is_true = row.universes, row.verdict in STANDING_VERDICTS
-    if not one or not one.of or one.label == "too_few" or not (is_true or row.is_refuted) or (2 * one.true > one.of) == is_true:
+    is_decided = one and one.of and one.label != "too_few" and (is_true or row.is_refuted)
+    if not is_decided or (2 * one.true > one.of) == is_true:
         return ""
     return f"true in {one.true} of {one.of} universes"
 
