@@ -74,7 +74,8 @@ const start = () => {
       parts.push(`Universe ${numbers[k]} gives ${written(one.values[k])}${error}${unit}: ${verdicts[one.verdicts[k]][0]}.`);
     } else if (result.length) {
       const middle = typical[Math.floor(typical.length / 2)];
-      parts.push(`True in ${counts[0]}, undetermined in ${counts[1]}, false in ${counts[2]}. From ${written(typical[0])} to ${written(typical.at(-1))}${unit}, half of them below ${written(middle)}.`);
+      const none = left.length - counts[0] - counts[1] - counts[2];
+      parts.push(`True in ${counts[0]}, undetermined in ${counts[1]}, false in ${counts[2]}${none ? `, without a result in ${none}` : ""}. From ${written(typical[0])} to ${written(typical.at(-1))}${unit}, half of them below ${written(middle)}.`);
     } else if (left.length) parts.push(left.length === 1 ? `Universe ${numbers[left[0]]} has no number: ${verdicts[one.verdicts[left[0]]][0]}.` : "None of them has a number.");
     else parts.push("None was computed with these answers together: set a knob to any.");
     const asked = command();
