@@ -146,19 +146,22 @@ def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch)
         return worlds(recipes)
 
     def worlds(recipes):
-        return [recipes.job(f"report/universes/{slug}.h5").own["world"] for slug in slugs]
+        own = [recipes.job(f"report/universes/{slug}.h5").own for slug in slugs]
+        return [(one["world"], one.get("sample")) for one in own]
 
     slugs = ("powered_descent", "desensitized")
     before = worlds(plain)
+    assert len(before[0][1]) == 8, "universes of the committed run"
     said = [
         (CLAIM, "The printed downrange variance fits", "It fits"),
         (CLAIM, "counterexample=", "close=Tolerance('why', relative=0.5), counterexample="),
         (PRINTED, "plain: ", "plain: So "),
         (CHOICES, "asks: ", "asks: Really? "),
-        (TYPE, "class Standing(_Part):", "class Standing(_Part):\n    another: int = 0\n"),
         (SHARED, "return claim(choices=GAINS", "return claim(choices=None"),
     ]
     assert edited(*said) == before
+    (same, other), _ = edited((TYPE, "class Standing(_Part):", "class Standing(_Part):\n    another: int = 0\n"))
+    assert same == before[0][0] and other != before[0][1], "another version sees other universes of the same run"
     ours, others = edited((CLAIM, "vehicle.specific_impulse, ", "2.0 * vehicle.specific_impulse, "))
-    assert ours != before[0] and others == before[1]
+    assert ours[0] != before[0][0] and others == before[1]
     assert edited((SHARED, "name=name", "name=name, why=name"))[1] != before[1]

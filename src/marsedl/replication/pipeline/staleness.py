@@ -245,7 +245,8 @@ class Recipes:
     def _sample(self, paper: str, world: str) -> list[int]:
         """The numbers of universes of the committed run that a build computes again; none if it is of another world.
 
-        They are drawn by the digests of the run and of the paper's claims, so that other builds see other ones.
+        They are drawn by digests of the run and of the code that computes universes: another version sees other ones,
+        and what is said of claims costs none.
         """
         from marsedl.replication.records.store import PROVENANCE, opened
 
@@ -256,7 +257,7 @@ class Recipes:
             if file[PROVENANCE].attrs.get("world") != world:
                 return []
             numbers = [int(number) for number in file["number"][()]]
-        drawn = f"{self._file_digest(f'{COMMITTED_RUNS}{paper}.h5')} {recipe_digest(self._claims(paper).own)}"
+        drawn = f"{self._file_digest(f'{COMMITTED_RUNS}{paper}.h5')} {self.sources.code('universes_chunk.py')}"
         by_chance = sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())
         return sorted(by_chance[: self.studies[paper].universes.sample])
 
