@@ -102,7 +102,12 @@ const start = () => {
   setAll((knob) => knob.ours);
 };
 
-fold.addEventListener("toggle", () => {
-  if (fold.open && !root.hasChildNodes()) document.head.append(Object.assign(document.createElement("script"), {src: fold.dataset.rows, onload: start}));
-});
+let asked = false;
+const begin = () => {
+  if (!fold.open || asked) return;
+  asked = true;
+  document.head.append(Object.assign(document.createElement("script"), {src: fold.dataset.rows, onload: start}));
+};
+fold.addEventListener("toggle", begin);
+begin(); // an address may have opened it before this script ran
 })();
