@@ -6,7 +6,7 @@ from pathlib import Path
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.records import store
-from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.judging import judge_in
 from marsedl.replication.universes.table import Evaluator, Universes, tabulated
 from marsedl.replication.universes.waves import Matching, refined
 
@@ -14,7 +14,7 @@ with guarded(snakemake) as job:
     paper, size, project = job.paper, job.made["size"], Path(snakemake.params.project).resolve()
     evaluator = Evaluator(catalogue(paper), input_model(paper), project, size, job.made["own"])
     table = store.load(snakemake.input.table, Universes, paper=paper)
-    judge = Judge(table, evaluator.study.choices, evaluator.published.values(), evaluator.claims.declarations)
+    judge = judge_in(evaluator.study, table)
     compute = partial(tabulated, evaluator, title=f"{paper}, waves")
     table = Matching(judge).extended(compute, evaluator.study.universes.wave)
     table = refined(judge.over(table), compute)

@@ -76,11 +76,9 @@ def universes(paper: str, build: str | Path | None = None, *, committed: bool = 
 
     Raises InputError if there is no such paper or no committed run of it, ArtifactError if the table is not built.
     """
-    from marsedl.replication.claims.printed import load_published
-    from marsedl.replication.claims.writing import claims_of
     from marsedl.replication.records import store
     from marsedl.replication.universes.designs import DESIGNS
-    from marsedl.replication.universes.judging import COMMITTED, Judge
+    from marsedl.replication.universes.judging import COMMITTED, judge_in
     from marsedl.replication.universes.table import Universes
 
     found = find(build)
@@ -89,8 +87,8 @@ def universes(paper: str, build: str | Path | None = None, *, committed: bool = 
     if committed and not path.exists():
         those = ", ".join(sorted(one.stem for one in path.parent.glob("*.h5"))) or "none"
         raise InputError(f"there is no committed run of {paper}; there is one of: {those}. Leave out committed=True")
-    table, published = store.load(path, Universes, paper=paper), found.project / "data" / "published" / f"{paper}.yaml"
-    judge = Judge(table, study.choices, load_published(published), claims_of(paper).declarations)
+    table = store.load(path, Universes, paper=paper)
+    judge = judge_in(study, table)
     values = dict(zip(table.choice.tolist(), table.assignment.T, strict=True))
     columns = {
         one.name: values[one.name] if one.range else [[*one.alternatives][int(v)] for v in values[one.name]]

@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from marsedl.replication.claims.printed import PublishedClaim, load_published
+from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.thresholds import SIGMAS
-from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
@@ -20,7 +19,7 @@ from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.report.one_line import with_unit
-from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.judging import judge_in
 from marsedl.replication.universes.table import Universes, components_of, held
 from marsedl.replication.universes.what_if import (
     Moved,
@@ -97,11 +96,9 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
     if universe is None:
         first = ", ".join(map(str, table.number[:3]))
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
-    published = load_published(study.root / "data" / "published" / f"{study.paper}.yaml")
-    judge = Judge(table, study.choices, published, claims_of(study.paper).declarations)
     values = study.choices.complete(universe.assignment).items()
     written = {name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in values}
-    return side_of_universe(judge, number, f"universe {number}", written)
+    return side_of_universe(judge_in(study, table), number, f"universe {number}", written)
 
 
 def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:

@@ -64,6 +64,11 @@ def counted(rows: Iterable[Any]) -> Counts:
     )
 
 
+def capital(text: str) -> str:
+    """Return a text with its first letter as a capital, and all others as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def plural(number: int, word: str) -> str:
     """Return a number of things, such as "1 claim" or "2 claims"."""
     return f"{number} {word}{'' if number == 1 else 's'}"

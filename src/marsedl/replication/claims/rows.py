@@ -28,7 +28,7 @@ from marsedl.replication.records.tables import Column, csv_text, table
 if TYPE_CHECKING:
     import pandas as pd
 
-_EVALUATIONS = TypeAdapter(dict[str, dict[str, Evaluation | None]], config=ConfigDict(ser_json_inf_nan="constants"))
+_Evaluations = dict[str, dict[str, Evaluation | None]]  # by reading and claim
 
 
 def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
@@ -51,12 +51,18 @@ def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
 
 def write_evaluations(evaluations: Mapping[str, Mapping[str, Evaluation | None]], path: str | Path) -> None:
     """Write evaluations by reading and claim; numbers that are not finite stay so."""
-    write_text(path, _EVALUATIONS.dump_json(evaluations, indent=1).decode() + "\n")
+    write_as(_Evaluations, evaluations, path)
 
 
-def read_evaluations(path: str | Path) -> dict[str, dict[str, Evaluation | None]]:
-    """Read what `write_evaluations` wrote."""
-    return _EVALUATIONS.validate_json(Path(path).read_bytes())
+def read_evaluations(path: str | Path) -> _Evaluations:
+    """Read what `write_evaluations` wrote; raises as `read_claims`."""
+    return read_json(_Evaluations, path)
+
+
+def write_as(kind: Any, value: Any, path: str | Path) -> None:
+    """Write what `read_json` reads as a type; numbers that are not finite stay so."""
+    adapter = TypeAdapter(kind, config=ConfigDict(ser_json_inf_nan="constants"))
+    write_text(path, adapter.dump_json(value, indent=1).decode() + "\n")
 
 
 def read_json(kind: Any, path: str | Path) -> Any:

@@ -53,6 +53,7 @@ class Recipes:
         self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
         self.sources = fingerprints_of(root)
         self.job, self._reached = cache(self._job), cache(self._reached_by)
+        self._world = cache(self._world_of)  # not to be changed
         self.shared = {slug: Shared(papers[slug], studies[slug], self._reached) for slug in papers}
         self._committed, self._digests = committed_inputs(root), {}
 
@@ -195,7 +196,7 @@ class Recipes:
         beside = self.papers[paper].beside
         return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
 
-    def _measuring(self, paper: str, script: str) -> dict[str, object]:
+    def _world_of(self, paper: str) -> dict[str, object]:
         """What is the same for all universes and named readings of a paper: all stages, and what measures its claims.
 
         Of what is printed and of choices, that is what functions are given, and no words.
@@ -203,9 +204,8 @@ class Recipes:
         stages = tuple(entry for stage in self.papers[paper].stages.values() for entry in stage.entries)
         constraint = self.sources.functions(f"marsedl.papers.{paper}.admissible")
         study, document = self.studies[paper], read_yaml(self.root / f"data/published/{paper}.yaml")
-        published = [
-            one for one in document.get("claims", ()) if isinstance(one, dict)
-        ]  # a job refuses what is malformed
+        # A job refuses what is malformed.
+        published = [one for one in document.get("claims", ()) if isinstance(one, dict)]
         return {
             "inputs": {CORRECTED: self.shared[paper].values[CORRECTED]},
             "choices": {one.name: one.sets() for one in study.choices},
@@ -217,14 +217,14 @@ class Recipes:
                 {one.get("id", ""): {key: one.get(key) for key in MEASURED_FROM} for one in published}
             ),
             "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
-            **self._reached(script, *stages, *constraint, measuring=tuple(self._claims_entries(paper))),
+            **self._reached(*stages, *constraint, measuring=tuple(self._claims_entries(paper))),
         }
 
     def _points(self, paper: str) -> Made:
         """What the named readings of a paper give, which are evaluated in memory."""
         inputs = {name: self.shared[paper].values[name] for name in (CORRECTED, *self.studies[paper].points)}
-        given = self._measuring(paper, "points.py") | {"inputs": inputs, "points": [*self.studies[paper].points]}
-        return Made(f"report/points/{paper}", given, [])
+        own = {"inputs": inputs, "points": [*inputs][1:], "script": self.sources.code("points.py")}
+        return Made(f"report/points/{paper}", self._world(paper) | own, [])
 
     def _universes(self, paper: str, whole: str = "") -> Made:
         """A paper's universes: what they are computed from, whichever they are (`world`), and which ones.
@@ -232,17 +232,17 @@ class Recipes:
         They are a sample of the committed run, if that is of the same world, else a few; `whole` are all that a new run
         begins with.
         """
-        given, study = self._measuring(paper, "universes_chunk.py"), self.studies[paper]
-        world = recipe_digest({**given, "code": given["code"].partition(" ")[2]})  # but for the script
+        given, study = self._world(paper), self.studies[paper]
+        world, script = recipe_digest(given), self.sources.code("universes_chunk.py")
         which = {"designs": list(study.designs)}
         if whole:
             which["designs"] = [study.whole, None, None]
-        elif numbers := self._sample(paper, world):
+        elif numbers := self._sample(paper, world, script):
             run = f"{COMMITTED_RUNS}{paper}.h5"
             which = {"sample": numbers, "files": {run: self._file_digest(run)}}
-        return Made(f"report/universes/{whole}{paper}", given | which | {"world": world}, [])
+        return Made(f"report/universes/{whole}{paper}", given | which | {"world": world, "script": script}, [])
 
-    def _sample(self, paper: str, world: str) -> list[int]:
+    def _sample(self, paper: str, world: str, script: str) -> list[int]:
         """The numbers of universes of the committed run that a build computes again; none if it is of another world.
 
         They are drawn by digests of the run and of the code that computes universes: another version sees other ones,
@@ -250,14 +250,14 @@ class Recipes:
         """
         from marsedl.replication.records.store import PROVENANCE, opened
 
-        run = self.root / COMMITTED_RUNS / f"{paper}.h5"
-        if not run.exists():
+        name = f"{COMMITTED_RUNS}{paper}.h5"
+        if not (self.root / name).exists():
             return []
-        with opened(run) as file:
+        with opened(self.root / name) as file:
             if file[PROVENANCE].attrs.get("world") != world:
                 return []
             numbers = [int(number) for number in file["number"][()]]
-        drawn = f"{self._file_digest(f'{COMMITTED_RUNS}{paper}.h5')} {self.sources.code('universes_chunk.py')}"
+        drawn = f"{self._file_digest(name)} {script}"
         by_chance = sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())
         return sorted(by_chance[: self.studies[paper].universes.sample])
 
@@ -273,7 +273,7 @@ class Recipes:
             choices={one.name: asdict(one) for one in study.choices},
             errata=[erratum.id for erratum in self.papers[paper].errata],
             published=self._file_digest(f"data/published/{paper}.yaml"),
-            committed=self._file_digest(f"data/reference/universes/{paper}.h5"),
+            committed=self._file_digest(f"{COMMITTED_RUNS}{paper}.h5"),
         )
 
     def _site(self) -> Made:

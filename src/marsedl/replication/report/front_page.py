@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import CommittedClaim, with_committed
-from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.counts import capital, counted
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs.sections import Inputs
@@ -61,7 +61,7 @@ def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
     blocks = {
         "answers": f"**{of.of_headline}**; {of.of_numbers}; {of.of_statements}.\n\n"
         + "".join(_answer(paper, rows) for paper, rows in papers),
-        "words": "".join(f"- **{word[0].upper()}{word[1:]}**: {meaning}\n" for word, meaning in words().items()),
+        "words": "".join(f"- **{capital(word)}**: {meaning}\n" for word, meaning in words().items()),
     }
     text = _COUNTS.sub(badge(every), text)
     return _BLOCK.sub(lambda block: f"{block[1]}{blocks[block[2]]}{block[3]}", text)

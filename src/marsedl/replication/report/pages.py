@@ -17,7 +17,7 @@ from marsedl.replication.claims.claim import (
     VERDICTS_OF,
     Claim,
 )
-from marsedl.replication.claims.counts import counted, plural
+from marsedl.replication.claims.counts import capital, counted, plural
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number
 from marsedl.replication.claims.rows import format_result, summary, unexplained
 from marsedl.replication.inputs import CORRECTED
@@ -107,7 +107,7 @@ def _templates() -> Any:
     of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
     of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
     of_names = (figure_label, written, in_words, one_line.odd_one_out)
-    here = (_capital, _json, _said, _components, _title)
+    here = (capital, _json, _said, _components, _title)
     templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
@@ -156,11 +156,7 @@ def figure_label(name: str) -> str:
     numbered = re.fullmatch(r"(fig|tab)0*(\d+[a-z]?)", name)
     if numbered:
         return f"{'Fig.' if numbered[1] == 'fig' else 'Table'} {numbered[2]}"
-    return _capital(name.replace("_", " "))
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    return capital(name.replace("_", " "))
 
 
 class Shown(NamedTuple):
@@ -241,7 +237,7 @@ def _grouped(pairs: Iterable[tuple[str, Any]]) -> dict[str, list]:
 
 def _said(row: Claim) -> str:
     """A claim in plain words, or else in full."""
-    return _capital(row.plain or row.quantity)
+    return capital(row.plain or row.quantity)
 
 
 def _components(row: Claim) -> list[tuple[str, str, str]]:

@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter
 
 from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, STANDING_VERDICTS, Claim, Standing
-from marsedl.replication.claims.rows import read_json
-from marsedl.replication.files import write_text
+from marsedl.replication.claims.counts import capital
+from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records.tables import Column, table
 from marsedl.replication.universes.designs import SPACE_FILLING, interval_of
 from marsedl.replication.universes.joint import Joint, joint
 from marsedl.replication.universes.judging import Effect, Judge, Share
+from marsedl.replication.universes.table import RESULT
 from marsedl.replication.universes.waves import Matching
 
 if TYPE_CHECKING:
@@ -112,12 +112,9 @@ class Decided(NamedTuple):
     explorer: dict[str, Any]
 
 
-_DECIDED = TypeAdapter(Decided, config=ConfigDict(ser_json_inf_nan="constants"))
-
-
 def write_decided(decided: Decided, path: str | Path) -> None:
     """Write what decides a paper's results as JSON; numbers that are not finite stay so."""
-    write_text(path, _DECIDED.dump_json(decided).decode() + "\n")
+    write_as(Decided, decided, path)
 
 
 def read_decided(path: str | Path) -> Decided:
@@ -202,10 +199,9 @@ def _deciding_number(judged: Sequence[Claim], judge: Judge) -> Number | None:
     for row in sorted((row for row in judged if row.headline), key=lambda row: row.headline):
         one = judge.judged(row.id)
         if math.isfinite(one.number) and math.isfinite(one.printed):
-            effects = [e for e in one.effects if e.cause == "result" and math.isfinite(e.difference)]
-            effects.sort(key=lambda effect: -abs(effect.difference))
-            number = Number(row.id, one.number, one.error, one.printed, judge.unit(row.id), tuple(effects))
-            found[row.id] = row, number
+            known = (e for e in one.effects if e.cause == RESULT and math.isfinite(e.difference))
+            effects = tuple(sorted(known, key=lambda effect: -abs(effect.difference)))
+            found[row.id] = row, Number(row.id, one.number, one.error, one.printed, judge.unit(row.id), effects)
     causes = [cause for name in found if (cause := judge.judged(name).cause)]
     main = max(causes, key=lambda effect: effect.size, default=None)
 
@@ -269,8 +265,7 @@ def _explorer(judged: Sequence[Claim], judge: Judge) -> dict[str, Any]:
 
 def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any]:
     """A choice; a range is divided into equal parts, of which a command takes the middle, after the value of ours."""
-    said = in_words(choice.name)
-    knob = {"choice": choice.name, "said": said[:1].upper() + said[1:], "ours": 0}
+    knob = {"choice": choice.name, "said": capital(in_words(choice.name)), "ours": 0}
     if choice.range is None:
         names = [*choice.alternatives]
         knob["ours"] = names.index(default)
@@ -286,13 +281,13 @@ def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any
 
 
 def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
-    at, said = judge.column[row.id], row.plain or row.quantity
+    at = judge.column[row.id]
     value, error, limit = judge.numbers[:, own, judge.component_place(row.id)]
     is_told, error = judge.has_result[own, at] & np.isfinite(value), np.nan_to_num(error)
     marks = np.unique(limit[np.isfinite(limit)]).tolist()
     return {
         "claim": row.id,
-        "said": said[:1].upper() + said[1:],
+        "said": capital(row.plain or row.quantity),
         "is_statement": row.is_statement,
         "unit": judge.unit(row.id),
         "mark": marks[0] if len(marks) == 1 else None,
@@ -356,7 +351,7 @@ def effects_table(judge: Judge) -> "pd.DataFrame":
         before = judge.verdict(name)
         for one in judge.effects(name):
             if one.counts or one.verdict != before:
-                verdict = one.verdict if one.cause == "result" else one.cause
+                verdict = one.verdict if one.cause == RESULT else one.cause
                 size = one.size if math.isfinite(one.size) else None
                 numbers = one.number, one.difference, size
                 rows.append((name, one.choice, str(one.value), one.where, verdict, *numbers, one.towards))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.counts import plural
+from marsedl.replication.claims.counts import capital, plural
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.universes.designs import AGAIN, ONE_AT_A_TIME, SPACE_FILLING, WAVE
 from marsedl.replication.universes.judging import Judge
@@ -133,7 +133,7 @@ def in_sentences(judge: Judge) -> str:
     if found.not_computed:
         texts.append(f"not computed in universes: {', '.join(f'`{name}`' for name in found.not_computed)}")
     texts += _of_waves(found.waves)
-    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
+    return " ".join(f"{capital(text)}." for text in texts)
 
 
 def _of_waves(waves: Sequence[Wave]) -> list[str]:

@@ -33,6 +33,7 @@ from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choi
 from marsedl.replication.inputs.readings import Study, load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
+from marsedl.replication.pipeline.staleness import COMMITTED_RUNS
 from marsedl.replication.records import store
 from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
 from marsedl.replication.universes.table import (
@@ -590,12 +591,19 @@ def single_points(study: Study) -> dict[str, tuple[str, Value]]:
     return found
 
 
-COMMITTED = Path("data/reference/universes")  # large runs, a file for each paper
+COMMITTED = Path(COMMITTED_RUNS)  # a file for each paper
 
 
 def of_one_world(first: str | Path, second: str | Path) -> bool:
     """Whether two tables of universes were computed from the same inputs and code."""
     return store.provenance(first)["world"] == store.provenance(second)["world"]
+
+
+def judge_in(study: Study, table: Universes, rows: Sequence[Claim] = (), **more: object) -> Judge:
+    """Return what judges a table of a paper's universes by its printed claims; rows, more: as of `Judge`."""
+    published = load_published(study.root / "data" / "published" / f"{study.paper}.yaml")
+    points = single_points(study) if rows else {}
+    return Judge(table, study.choices, published, claims_of(study.paper).declarations, rows, points, **more)
 
 
 def judge_of(
@@ -613,14 +621,12 @@ def judge_of(
     choices: those of a user, as they are written; rows: claims, of which those of the paper count.
     """
     study = load_study(paper.slug, model, root, size, choices)
-    published = load_published(root / "data" / "published" / f"{paper.slug}.yaml")
     large = root / COMMITTED / f"{paper.slug}.h5"
     is_committed = large.exists() and of_one_world(large, path)
     built = store.load(path, Universes, paper=paper.slug)
     table = store.load(large, Universes, paper=paper.slug) if is_committed else built
     own = [row for row in rows if row.paper == paper.slug]
-    given = study.choices, published, claims_of(paper.slug).declarations, own, single_points(study)
-    return Judge(table, *given, is_committed=is_committed, computed=len(built.number))
+    return judge_in(study, table, own, is_committed=is_committed, computed=len(built.number))
 
 
 def committed_judge(slug: str, model: type[Inputs], root: Path) -> Judge:
@@ -636,5 +642,4 @@ def committed_judge(slug: str, model: type[Inputs], root: Path) -> Judge:
             readings = {name: Result(verdict=verdict) for name, verdict in verdicts.items()}
             rows.append(Claim(**given, verdict=verdicts[CORRECTED], reading=CORRECTED, readings=readings))
     table = store.load(root / COMMITTED / f"{slug}.h5", Universes, paper=slug)
-    given = study.choices, published, claims_of(slug).declarations, rows, single_points(study)
-    return Judge(table, *given, is_committed=True)
+    return judge_in(study, table, rows, is_committed=True)
