@@ -24,7 +24,7 @@ def problem(gains, trials):
     schedules = flight.schedules_of(times, gains, [number for number, _ in steps])
     start = flight.Start(segments.initial_mean(i.entry), i.entry.initial_covariance, i.vehicle.wet_mass)
     states = flight.initial_states(start, seed, np.arange(trials))
-    plant = flight.plant_of(i.planet, i.vehicle, i.noise)
+    plant = flight.plant_of(i)
     return (schedules, plant, states, flight.Draws(seed, 0)), [every for _, every in steps]
 
 

@@ -19,7 +19,7 @@ def first_program(flown, partition):
     """The first iteration's program on a partition."""
     i = inputs_of(PAPER.slug)
     states, control = nominal.states_of(i.planet.planet_radius, flown), np.zeros(len(partition) - 1)
-    motion = linearization.motion_of(i.planet, i.air, i.vehicle, i.mission, i.simulation)
+    motion = linearization.motion_of(i)
     model = linearization.along(motion, partition, control, states)
     return gains.program(i.guidance, i.vehicle, motion, model, control)[0]
 

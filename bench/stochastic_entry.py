@@ -18,7 +18,7 @@ CASES = ("apollo_velocity", "stochastic_velocity")
 def problem(made, case, trials):
     """Settings, air, law and vehicles of a case, as `flight.fly` takes them, and its options."""
     i = measuring.inputs_of(PAPER.slug)
-    plant = flight.plant_of(i.planet, i.air, i.vehicle, i.mission, i.guidance)
+    plant = flight.plant_of(i)
     law = gains.law(i.guidance, made.record("linearization"), made.record("gains"), case)
     vehicles = flight.vehicles_of(plant.dispersions, i.simulation.seed, np.arange(trials))
     trigger, end_time = montecarlo.end_of(i.mission, made.record("nominal"), case)

@@ -89,14 +89,14 @@ def study(slug):
 
 
 def sections(slug, reading="corrected", **changes):
-    """The inputs of a reading by section, with others in place of some, by their names without that of the section."""
+    """The inputs of a reading, with others in place of some, by their names without that of the section."""
     model = input_model(slug)
     inputs = model.from_plain(study(slug).readings[reading].inputs.plain())
-    given = {}
+    changed = {}
     for name, section in model.sections().items():
         own = {key: value for key, value in changes.items() if key in section.model_fields}
-        given[name] = getattr(inputs, name).model_copy(update=own)
-    return given
+        changed[name] = getattr(inputs, name).model_copy(update=own)
+    return inputs.model_copy(update=changed)
 
 
 def scattered(*shape):
@@ -114,7 +114,7 @@ ENTRY_SEED = 20210423
 def entry_plant(changes=(), deviations=1.0):
     """What trials fly in, and the distribution they are drawn from."""
     given = sections("stochastic_entry", **dict(changes))
-    plant = entry_flight.plant_of(*(given[name] for name in ("planet", "air", "vehicle", "mission", "guidance")))
+    plant = entry_flight.plant_of(given)
     air = rounded_tuple(plant.atmosphere)
     return plant._replace(
         settings=rounded_record(plant.settings),
@@ -366,7 +366,7 @@ def landing_reference():
 def landing_surroundings(reading, bound):
     """Constants and density of a reading."""
     given = sections("desensitized", reading, **({} if bound is None else {"bank_acceleration_bound": bound}))
-    constants, cells = desensitized_air.surroundings(given["planet"], given["vehicle"])
+    constants, cells = desensitized_air.surroundings(given.planet, given.vehicle)
     return rounded_record(constants), rounded(cells)
 
 
@@ -426,7 +426,7 @@ ENTRY_SPREAD = np.array([300.0, 3.0, 3e-4])
 @cache
 def capture_plant(reading, changes):
     given = sections("random_field", reading, **dict(changes))
-    plant = field_flight.plant_of(*(given[name] for name in ("planet", "air", "vehicle", "simulation")))
+    plant = field_flight.plant_of(given)
     return field_flight.Plant(rounded_record(plant.settings), rounded_tuple(plant.air))
 
 

@@ -90,14 +90,8 @@ class Inputs:
         return np.array(value, float) if isinstance(value, list | tuple) else value
 
     def of(self, function):
-        """The sections that a function takes, and the named tuples of sections, by their names."""
-
-        def built(name, kind):
-            fields = getattr(kind, "_fields", ())
-            taken = self.of(kind) if fields else {}
-            return kind(**taken) if fields and len(taken) == len(fields) else None
-
-        return Arguments(self.values, built).available(function)
+        """The sections that a function takes, or all of them as `given`, by their names."""
+        return Arguments(self.values).available(function)
 
     def changed(self, **changes):
         """These inputs with others in place of some, by their names without that of the section."""

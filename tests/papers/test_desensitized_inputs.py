@@ -9,7 +9,7 @@ import pytest
 
 from marsedl.papers.desensitized import entry_problem, tradeoff
 from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
-from marsedl.papers.desensitized.inputs import MODEL, Design, Solver
+from marsedl.papers.desensitized.inputs import Design, Inputs, Solver
 from marsedl.papers.desensitized.nominal import refuse_other_branch
 from marsedl.replication.errors import InputError, MarsedlError, SolverError
 from marsedl.replication.inputs.readings import load_studies
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
-    sections = {key: section for section, of in MODEL.sections().items() for key in of.keys()}  # noqa: SIM118
+    sections = {key: section for section, of in Inputs.sections().items() for key in of.keys()}  # noqa: SIM118
     inputs_by_section = {}
     for key, value in inputs.items():
         inputs_by_section.setdefault(sections.get(key, "vehicle"), {})[key] = {
@@ -27,7 +27,7 @@ def reading_of(based_on="corrected", **inputs):
             "source": "assumed: test",
         }
     own = {"desensitized": {"readings": {"mine": {"based_on": based_on} | inputs_by_section}}}
-    return load_studies({"desensitized": MODEL}, ROOT, own)["desensitized"].readings["mine"]
+    return load_studies({"desensitized": Inputs}, ROOT, own)["desensitized"].readings["mine"]
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_bank_conditions_are_free_or_values_in_degrees():
     assert (ends.final_bank, ends.final_bank_rate) == pytest.approx((-np.pi / 2, np.pi / 9))
     plain = reading_of().inputs.mission
     assert plain.initial_bank_rate == 0.0 and plain.initial_bank is plain.final_bank is plain.final_bank_rate is None
-    declared = entry_problem.problem(mine.planet, mine.vehicle, ends)
+    declared = entry_problem.problem(mine)
     assert "bank" not in declared.initial and "bank_rate" not in declared.initial
     assert declared.final["bank"] == ends.final_bank and declared.final["bank_rate"] == ends.final_bank_rate
 

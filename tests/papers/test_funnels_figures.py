@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import figures
-from marsedl.papers.funnels.inputs import MODEL
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import (
     Dubins,
     DubinsStudy,
@@ -134,7 +134,7 @@ def draw(records):
     """Draw a figure, from changed artifacts on demand."""
 
     def figure_of(stem, **replacements):
-        values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
+        values = {name: INPUTS[name.partition(".")[2]] for name in Inputs.names() if name.partition(".")[2] in INPUTS}
         given = Arguments(values, lambda name, kind: replacements.get(name, records[name]))
         return given.call(getattr(figures, stem))
 

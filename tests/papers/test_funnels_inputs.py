@@ -8,7 +8,7 @@ import pytest
 
 from marsedl.models.atmosphere import named_profile
 from marsedl.papers.funnels import environment, nominal
-from marsedl.papers.funnels.inputs import MODEL
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
 
@@ -24,10 +24,10 @@ def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
     inputs_by_section = {}
     for key, value in inputs.items():
-        section = next((name for name, of in MODEL.sections().items() if stem(key) in of.model_fields), "mission")
+        section = next((name for name, of in Inputs.sections().items() if stem(key) in of.model_fields), "mission")
         inputs_by_section.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
     own = {"funnels": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
-    return load_studies({"funnels": MODEL}, ROOT, own)["funnels"].readings["mine"]
+    return load_studies({"funnels": Inputs}, ROOT, own)["funnels"].readings["mine"]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
 
@@ -19,7 +19,7 @@ def reading_of(based_on="corrected", **inputs):
         section, _, key = name.partition("__")
         mine.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
     own = {"powered_descent": {"readings": {"mine": mine}}}
-    return load_studies({"powered_descent": MODEL}, ROOT, own)["powered_descent"].readings["mine"]
+    return load_studies({"powered_descent": Inputs}, ROOT, own)["powered_descent"].readings["mine"]
 
 
 @pytest.mark.parametrize(

@@ -156,13 +156,12 @@ def test_nominal_is_a_flight_of_eq_71(random_field, everything):
 
 def plant(everything):
     """What flies in a reading."""
-    return flight.plant_of(everything.planet, everything.air, everything.vehicle, everything.simulation)
+    return flight.plant_of(everything)
 
 
 def motion(everything):
     """What trajectories are linearised with in a reading."""
-    sections = (everything.planet, everything.air, everything.vehicle, everything.mission, everything.simulation)
-    return linearization.motion_of(*sections)
+    return linearization.motion_of(everything)
 
 
 def along(random_field, everything, law):

@@ -58,7 +58,8 @@ def exponential_air(surface, scale_height):
 
 
 def settings(air, inputs=INPUTS):
-    return flight.settings(*[inputs] * 4, air)  # which has the inputs of all sections
+    sections = dict.fromkeys(("planet", "air", "vehicle", "simulation"), inputs)  # which has those of all
+    return flight.settings(SimpleNamespace(**sections), air)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.random_field.inputs import MODEL
+from marsedl.papers.random_field.inputs import Inputs
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.readings import load_studies
 
@@ -18,10 +18,10 @@ def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
     inputs_by_section = {}
     for name, value in inputs.items():
-        section = next((section for section, of in MODEL.sections().items() if name in list(of.keys())), "air")
+        section = next((section for section, of in Inputs.sections().items() if name in list(of.keys())), "air")
         inputs_by_section.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
     own = {"random_field": {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}}
-    return load_studies({"random_field": MODEL}, ROOT, own)["random_field"].readings["mine"]
+    return load_studies({"random_field": Inputs}, ROOT, own)["random_field"].readings["mine"]
 
 
 def refused(**inputs):

@@ -32,7 +32,7 @@ def test_it_is_refused_where_verdicts_count_and_named_elsewhere(small):
     names: dict = {}
     model = small.path(f"src/marsedl/papers/{SLUG}/inputs.py")
     exec(compile(model.read_text("utf-8"), str(model), "exec"), names)
-    digest = counted_inputs(load_study(SLUG, names["MODEL"], small.folder))
+    digest = counted_inputs(load_study(SLUG, names["Inputs"], small.folder))
     small.path(str(COMMITTED_INPUTS)).write_text(json.dumps({SLUG: digest}), "utf-8")
 
     assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in small.works(TARGET)

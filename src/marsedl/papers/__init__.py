@@ -25,4 +25,4 @@ def catalogue(slug: str) -> Paper:
 
 def input_model(slug: str) -> type:  # of Inputs, which jobs import this package without
     """Return the class of a paper's typed inputs."""
-    return import_module(f"marsedl.papers.{slug}.inputs").MODEL
+    return import_module(f"marsedl.papers.{slug}.inputs").Inputs

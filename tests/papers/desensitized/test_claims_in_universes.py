@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.desensitized.inputs import MODEL
+from marsedl.papers.desensitized.inputs import Inputs
 from marsedl.papers.desensitized.records import Gains, Linearization, Responses, Tradeoff
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.verdicts import judge
@@ -24,7 +24,7 @@ from marsedl.replication.universes.table import EVALUATED, Evaluator, class_of
 ROOT = Path(__file__).parents[3]
 PAPER, CLAIMS = catalogue("desensitized"), claims_of("desensitized")
 PUBLISHED = {one.id: one for one in load_published(ROOT / "data" / "published" / "desensitized.yaml")}
-STUDY = load_study("desensitized", MODEL, ROOT)
+STUDY = load_study("desensitized", Inputs, ROOT)
 STUDIES = frozenset(name for name, stage in PAPER.stages.items() if stage.claimed_in)
 SMALL = {
     "solver.intervals": 60,
@@ -137,7 +137,7 @@ def test_every_choice_is_at_a_value_in_corrected_and_printed():
 
 @pytest.mark.stages
 def test_the_universe_corrected_is_the_reading_and_remains_so():
-    evaluator = Evaluator(PAPER, MODEL, ROOT)
+    evaluator = Evaluator(PAPER, Inputs, ROOT)
     small = {name: value for name, value in SMALL.items() if name != "design.weight_path"}
     names = ("nominal", "tradeoff", "linearization", "gains", "responses")
 

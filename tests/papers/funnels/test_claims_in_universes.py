@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.funnels.inputs import MODEL
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records.store import content_digest
@@ -33,7 +33,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def evaluator():
-    return Evaluator(catalogue("funnels"), MODEL, ROOT)
+    return Evaluator(catalogue("funnels"), Inputs, ROOT)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_the_universe_corrected_is_the_reading_whatever_came_before(evaluator):
 
     study = evaluator.study
     limited = study.limited(study.readings["corrected"])
-    reading = Run.of(evaluator.paper, MODEL.from_plain(limited.inputs.plain() | SMALL), Memory())
+    reading = Run.of(evaluator.paper, Inputs.from_plain(limited.inputs.plain() | SMALL), Memory())
     first, other = of({}), of({"entry_angle": -15.2, "shape": "minimum_trace", "optimum": "of_the_guess"})
     assert first == digests(reading)
     assert {name for name in first if first[name] == other[name]} == {"dubins", "dubins_wind"}

@@ -9,7 +9,7 @@ import pytest
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
 from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry.admissible import admissible
-from marsedl.papers.stochastic_entry.inputs import MODEL
+from marsedl.papers.stochastic_entry.inputs import Inputs
 from marsedl.papers.stochastic_entry.records import CASES
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.verdicts import judge
@@ -23,7 +23,7 @@ from marsedl.replication.records.fields import quantities
 ROOT = Path(__file__).parents[3]
 PAPER, CLAIMS = catalogue("stochastic_entry"), claims_of("stochastic_entry")
 PUBLISHED = {one.id: one for one in load_published(ROOT / "data" / "published" / "stochastic_entry.yaml")}
-STUDY = load_study("stochastic_entry", MODEL, ROOT)
+STUDY = load_study("stochastic_entry", Inputs, ROOT)
 STUDIES = frozenset(name for name, stage in PAPER.stages.items() if stage.claimed_in)
 STUDIED = {"theorem_lqg", "corollary_lqg", "fig9_altitude_range_tradeoff"}  # claims that rest on them
 FEW = {"simulation.trials": 64, "simulation.paper_trials": 64}
@@ -67,7 +67,7 @@ def not_finite(run, case):
 @pytest.fixture(scope="module")
 def runs():
     def run_of(reading):
-        return Run.of(PAPER, MODEL.from_plain(reading.inputs.plain() | FEW), Memory(), STUDIES)
+        return Run.of(PAPER, Inputs.from_plain(reading.inputs.plain() | FEW), Memory(), STUDIES)
 
     return {name: run_of(STUDY.readings[name]) for name in ("corrected", "printed")}
 

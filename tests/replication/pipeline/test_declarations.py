@@ -155,6 +155,77 @@ def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs
     assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
 
 
+INPUTS = """
+    from marsedl.replication.inputs import sections
+    from marsedl.replication.inputs.sections import given
+
+    class Planet:
+        gravity: float = given("m/s^2", "gravity")
+        radius: float = given("m", "radius")
+
+    class Ensemble:
+        seed: int = given("1", "seed")
+        trials: int = given("1", "trials")
+
+    def check(planet: Planet, ensemble: Ensemble):
+        return planet.radius > ensemble.trials
+
+    class Inputs(sections.Inputs):
+        CHECKS = (check,)
+
+        planet: Planet
+        ensemble: "Ensemble"
+"""
+
+
+def asking_for_all(read, body, inputs=INPUTS):
+    """Return the catalogue with a stage that asks for all inputs and hands them to a helper of this body."""
+    *assigned, last = body.split("; ")
+    helper = "".join(f"    {line}\n" for line in (*assigned, f"return {last}"))
+    stage = "from marsedl.papers.toy import helpers\nfrom marsedl.papers.toy.inputs import Inputs, Planet\n"
+    stage += "from marsedl.replication.pipeline.catalogue import stage\n"
+    stage += f"def helper(given: Inputs):\n{helper}"
+    stage += '@stage()\ndef compute(given: Inputs, nominal):\n    """Study."""\n    return helper(given)\n'
+    return read(inputs=inputs, study=stage)
+
+
+@pytest.mark.parametrize(
+    ("body", "inputs"),
+    [
+        ("given.planet.gravity", ("planet.gravity",)),
+        ("given.planet.gravity, given.ensemble.seed", ("ensemble.seed", "planet.gravity")),
+        ("helpers.fall(given.planet, 3.0)", ("planet.gravity",)),
+        ("given.planet", ()),
+        ("a, b = given.ensemble, given.planet; b.radius, a.seed", ("ensemble.seed", "planet.radius")),
+    ],
+)
+def test_of_all_inputs_a_stage_is_given_those_that_are_read(read, body, inputs):
+    """Neither what the checks of the inputs read, nor what is read of no section, is given."""
+    study = asking_for_all(read, body).stages["study"]
+    assert (study.inputs, study.needs) == (inputs, ("nominal",))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "counts"),
+    [
+        ('given("m", "radius")', 'given("m", "the radius")', True),  # of the section that is read
+        ("planet: Planet\n", "planet: Other\n", True),
+        ('given("1", "seed")', 'given("1", "the seed")', False),  # of another section
+        ('ensemble: "Ensemble"', 'ensemble: "Other"', False),
+        ("planet.radius > ensemble.trials", "planet.radius < ensemble.trials", False),
+        ("CHECKS = (check,)", "CHECKS = ()", False),
+    ],
+)
+def test_of_all_inputs_a_stage_reaches_the_sections_that_it_names(tmp_path, read, old, new, counts):
+    def code(inputs):
+        asking_for_all(read, "given.planet.gravity", inputs)
+        digests = Fingerprints(tmp_path / "memory.json", tmp_path / "src", tmp_path / "scripts")
+        return digests.code("marsedl.papers.toy.study:compute")
+
+    assert old in INPUTS
+    assert (code(INPUTS) != code(INPUTS.replace(old, new))) == counts
+
+
 def test_a_whole_case_is_its_chunk_gathered(read):
     stages = read().stages
     assert next(iter(stages)) == "nominal"

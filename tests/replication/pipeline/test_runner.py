@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from marsedl.replication.inputs.sections import Number, Section, given
+from marsedl.replication.inputs.sections import Inputs, Number, Section, given
 from marsedl.replication.pipeline.catalogue import Flown, Paper, Product, Stage
 from marsedl.replication.pipeline.runner import Memory, Run
 from marsedl.replication.records import fields, store
@@ -26,6 +26,13 @@ class Drawing(Section):
     """What is drawn."""
 
     colour: str = given("1", "colour of the curve")
+
+
+class ToyInputs(Inputs):
+    """All inputs."""
+
+    vehicle: Vehicle
+    drawing: Drawing
 
 
 @dataclass(frozen=True)
@@ -152,3 +159,17 @@ def test_an_input_that_a_stage_was_not_given_is_an_error(run, monkeypatch):
     monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", heavy)
     with pytest.raises(AttributeError, match=r"'mass' was not given: .* reads as 'vehicle\.mass'"):
         run().record("nominal")
+
+
+def test_a_stage_that_asks_for_all_inputs_is_given_its_slice(run, monkeypatch):
+    def of_all(given: ToyInputs) -> Nominal:
+        return Nominal(np.array([abs(given.vehicle.speed)]))
+
+    def coloured(given: ToyInputs) -> Nominal:
+        return Nominal(np.array([len(given.drawing.colour)]))
+
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", of_all)
+    assert run().record("nominal").speed == [3.0]
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", coloured)
+    with pytest.raises(AttributeError, match=r"'colour' was not given: .* reads as 'drawing\.colour'"):
+        run(speed=5.0).record("nominal")

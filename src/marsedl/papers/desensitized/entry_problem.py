@@ -19,7 +19,7 @@ from marsedl.methods.desensitization import Desensitized, Gain, Perturbation, co
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.models.reaction_control import bank_propellant
 from marsedl.papers.desensitized import mean_density
-from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Vehicle
+from marsedl.papers.desensitized.inputs import Design, Inputs, Mission, Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
 from marsedl.replication.errors import MarsedlError, SolverError
 from marsedl.replication.units import DEGREE
@@ -33,16 +33,6 @@ BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")
 LEVEL = 0.5 * DEGREE  # a bank angle below it counts as none when reversals are counted
 ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby
-
-
-class Setup(NamedTuple):
-    """The entry that problems are about, how they are solved, and what is designed by them."""
-
-    planet: Planet
-    vehicle: Vehicle
-    mission: Mission
-    solver: Solver
-    design: Design
 
 
 # ---- the problem -----------------------------------------------------------------------------------------------------
@@ -112,8 +102,9 @@ def of_solution(solution: Solution) -> Trajectory:
     return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
-def problem(planet: Planet, vehicle: Vehicle, mission: Mission) -> Problem:
+def problem(given: Inputs) -> Problem:
     """Least control energy between entry and deployment (Eqs. 1 to 4, Table 2), without regard to sensitivities."""
+    vehicle, mission = given.vehicle, given.mission
     initial = dict(zip(STATES[:6], entry_state(mission), strict=False))
     final = {
         "altitude": mission.final_altitude,
@@ -128,7 +119,7 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission) -> Problem:
         conditions |= {"bank_rate": bank_rate} if bank_rate is not None else {}
     square = mission.final_velocity**2
     return Problem(
-        rates=rates(planet, vehicle),
+        rates=rates(given.planet, vehicle),
         states=(
             Variable("altitude", 1e5, 0.0),
             Variable("latitude", 0.1),
@@ -185,9 +176,9 @@ def gain_vector(planet: Planet, design: Design, scaled_gain):
     return np.concatenate([np.asarray(scaled_gain) / gain_scale(planet, design), [0.0, 0.0]])
 
 
-def desensitized(setup: Setup, perturbations, gains=False) -> Desensitized:
+def desensitized(given: Inputs, perturbations, gains=False) -> Desensitized:
     """The problem with columns of the sensitivity among its states, per unit of the perturbations (Eq. 5)."""
-    planet, design = setup.planet, setup.design
+    planet, design = given.planet, given.design
     scale = state_scale(planet, design) / planet.planet_radius
     feedback = tuple(
         Gain("bank_acceleration", name, 1.0 / unit)
@@ -195,7 +186,7 @@ def desensitized(setup: Setup, perturbations, gains=False) -> Desensitized:
         if gains
     )
     return Desensitized(
-        problem(planet, setup.vehicle, setup.mission),
+        problem(given),
         tuple(perturbations),
         dict(zip(STATES, scale, strict=True)),
         feedback,

@@ -14,8 +14,8 @@ from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, Setup, gain_scale, gain_vector
-from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
+from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, gain_scale, gain_vector
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Inputs, Planet, Vehicle
 from marsedl.papers.desensitized.linearization import model, position_columns, position_rows, transitions
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
@@ -36,16 +36,6 @@ class Law(NamedTuple):
     iterations: int = 0
     converged: bool = True
     ended: str = "no feedback"
-
-
-class Tuning(NamedTuple):
-    """What gains are tuned by: flights with errors at entry, from random starts."""
-
-    planet: Planet
-    vehicle: Vehicle
-    design: Design
-    simulation: Simulation
-    ensemble: Ensemble
 
 
 def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns):
@@ -69,44 +59,31 @@ def gain_problem(planet: Planet, design: Design, linearization: Linearization, c
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    nominal: Nominal,
-    tradeoff: Tradeoff,
-    linearization: Linearization,
-) -> Gains:
+def compute(given: Inputs, nominal: Nominal, tradeoff: Tradeoff, linearization: Linearization) -> Gains:
     """Design the gains of every law as the inputs say."""
-    setup = Setup(planet, vehicle, mission, solver, design)
-    tuning = Tuning(planet, vehicle, design, simulation, ensemble)
     plain = Law(nominal.time, nominal.state, nominal.bank_acceleration)
     row = last_finite_row(tradeoff)
     laws = [plain, Law(tradeoff.time[row], tradeoff.state[row], tradeoff.bank_acceleration[row])]
     for channel in CHANNELS:
-        if design.gain_design == "unregularized":
-            laws.append(together(setup, nominal, channel))
+        if given.design.gain_design == "unregularized":
+            laws.append(together(given, nominal, channel))
             continue
-        laws.append(with_gains(plain, channel_gains(tuning, linearization, plain, channel)))
-    laws.append(for_all_columns(setup, nominal, linearization))
-    return described(setup, laws)
+        laws.append(with_gains(plain, channel_gains(given, linearization, plain, channel)))
+    laws.append(for_all_columns(given, nominal, linearization))
+    return described(given, laws)
 
 
-def channel_gains(tuning: Tuning, linearization: Linearization, plain: Law, channel):
+def channel_gains(given: Inputs, linearization: Linearization, plain: Law, channel):
     """Gains against the errors of one channel on the nominal: least, regularised or tuned."""
-    planet, design, number = tuning.planet, tuning.design, CHANNELS.index(channel)
+    planet, design, number = given.planet, given.design, CHANNELS.index(channel)
     if design.gain_design == "regularized":
         problem = gain_problem(planet, design, linearization, position_columns(planet)[:, [number]])
         return sensitivity_gains.regularized(problem, design.all_columns_regularization)[-1]
-    least = least_gains(planet, design, tuning.ensemble, linearization, channel)
+    least = least_gains(given, linearization, channel)
     if design.gain_design != "tuned":
         return least
     lost = least._replace(converged=False, reason="no start of the tuning flies all errors to the end")
-    return next(iter(tuned(tuning, reference(plain), number, least.k)), lost)
+    return next(iter(tuned(given, reference(plain), number, least.k)), lost)
 
 
 def random_starts(design: Design, ensemble: Ensemble, channel):
@@ -115,13 +92,14 @@ def random_starts(design: Design, ensemble: Ensemble, channel):
     return normals(ensemble.seed, START_STREAM + CHANNELS.index(channel), numbers, len(MEASURED))
 
 
-def least_gains(planet: Planet, design: Design, ensemble: Ensemble, linearization, channel):
+def least_gains(given: Inputs, linearization, channel):
     """Least gains that null the final position of a channel's column, a `sensitivity_gains.GainDesign`."""
+    design = given.design
     start = design.downrange_gain_start if channel == "downrange" else np.zeros(len(MEASURED))
     if design.gain_start:
-        start = random_starts(design, ensemble, channel)[design.gain_start - 1]
+        start = random_starts(design, given.ensemble, channel)[design.gain_start - 1]
     return sensitivity_gains.minimum_norm(
-        gain_problem(planet, design, linearization, position_columns(planet)[:, [CHANNELS.index(channel)]]),
+        gain_problem(given.planet, design, linearization, position_columns(given.planet)[:, [CHANNELS.index(channel)]]),
         start[np.newaxis],
         step_limit=design.gain_step_limit,
         tolerance=design.gain_tolerance,
@@ -144,27 +122,27 @@ def reference(law: Law) -> flight.Reference:
     return flight.Reference(law.state[0], law.bank_acceleration, float(law.time[-1]))
 
 
-def simulated_errors(tuning: Tuning, nominal_reference, channel):
+def simulated_errors(given: Inputs, nominal_reference, channel):
     """Function of scaled gains: flown final errors at the tuning errors of a channel, each divided by its size."""
-    air = environment.surroundings(tuning.planet, tuning.vehicle)
-    sizes = tuning.design.tuning_errors
+    air = environment.surroundings(given.planet, given.vehicle)
+    sizes = given.design.tuning_errors
     errors = environment.along_channel(channel, sizes)
 
     def of_gains(scaled_gain):
-        gain = gain_vector(tuning.planet, tuning.design, np.ravel(scaled_gain))
-        final_errors = environment.final_errors(tuning.planet, tuning.simulation, air, nominal_reference, gain, errors)
+        gain = gain_vector(given.planet, given.design, np.ravel(scaled_gain))
+        final_errors = environment.final_errors(given.planet, given.simulation, air, nominal_reference, gain, errors)
         return (final_errors / np.abs(sizes)[:, np.newaxis]).ravel()
 
     return of_gains
 
 
-def tuned(tuning: Tuning, nominal_reference, channel, least):
+def tuned(given: Inputs, nominal_reference, channel, least):
     """Gains tuned to flown errors from the least gains and from random changes of them, best first.
 
     Starts under which a flight is lost are left out, so that there may be none.
     """
-    simulate, design = simulated_errors(tuning, nominal_reference, channel), tuning.design
-    changes = normals(tuning.ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
+    simulate, design = simulated_errors(given, nominal_reference, channel), given.design
+    changes = normals(given.ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
     starts = [np.ravel(least), *(np.ravel(least) + design.tuning_spread * changes)]
     results = [
         sensitivity_gains.tune(simulate, start, iterations=design.gain_iterations)
@@ -174,14 +152,14 @@ def tuned(tuning: Tuning, nominal_reference, channel, least):
     return [results[number] for number in sensitivity_gains.rank([result.k for result in results], simulate)]
 
 
-def together(setup: Setup, nominal: Nominal, channel) -> Law:
+def together(given: Inputs, nominal: Nominal, channel) -> Law:
     """Trajectory and gains of Eq. 6 in one problem, from the nominal and gains of zero, without regularisation.
 
     The gains are not determined, and the norm has no derivative where it vanishes: the solve is ended after the
     iterations that the inputs allow, and how it ended is the result.
     """
-    planet, solver, design = setup.planet, setup.solver, setup.design
-    extended = entry_problem.desensitized(setup, [entry_problem.position_error(planet, channel)], gains=True)
+    planet, solver, design = given.planet, given.solver, given.design
+    extended = entry_problem.desensitized(given, [entry_problem.position_error(planet, channel)], gains=True)
     transcribed = entry_problem.program(planet, solver, entry_problem.weighted(planet, design, extended, [channel]))
     guess = extended.guess(as_guess(nominal), entry_problem.given(), solver.scheme)
     weight, most = entry_problem.given(design.feedback_weight), design.unregularized_iterations
@@ -189,22 +167,22 @@ def together(setup: Setup, nominal: Nominal, channel) -> Law:
         solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=solver.solver_tolerance, iterations=most)
     except NotConvergedError as error:
         solution = error.solution
-    return solved_law(setup.vehicle, extended, solution)
+    return solved_law(given.vehicle, extended, solution)
 
 
-def for_all_columns(setup: Setup, nominal: Nominal, linearization: Linearization) -> Law:
+def for_all_columns(given: Inputs, nominal: Nominal, linearization: Linearization) -> Law:
     """One set of gains against all three position errors: J0 + |S_p|^2 + w |k|^2 in trajectory and gains, w falling.
 
     Six gains cannot null nine numbers on a given nominal; together with the trajectory they nearly do. The squared norm
     has derivatives everywhere, and the first, large w keeps the trajectory near the nominal. From gains that are not
     the best ones of the nominal the solver would leave it for a trajectory that depends on rounding.
     """
-    planet, solver, design = setup.planet, setup.solver, setup.design
+    planet, solver, design = given.planet, given.solver, given.design
     weights = design.all_columns_regularization
     problem = gain_problem(planet, design, linearization, position_columns(planet))
     fixed = sensitivity_gains.regularized(problem, weights[:1], design.downrange_gain_start[np.newaxis])[0].k.ravel()
     extended = entry_problem.desensitized(
-        setup, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
+        given, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
     )
     gains = [gain.parameter for gain in extended.gains]
 
@@ -225,9 +203,9 @@ def for_all_columns(setup: Setup, nominal: Nominal, linearization: Linearization
             # A set of gains beside the paper's; what stands so far is flown, and the artifact says how it ended.
             ended = f"stopped at a regularisation of {weight:g}: {error}"
             if isinstance(last, Solution):
-                return solved_law(setup.vehicle, extended, last)._replace(converged=False, ended=ended)
+                return solved_law(given.vehicle, extended, last)._replace(converged=False, ended=ended)
             return Law(nominal.time, nominal.state, nominal.bank_acceleration, fixed, 0, False, ended)
-    return solved_law(setup.vehicle, extended, last)
+    return solved_law(given.vehicle, extended, last)
 
 
 def solved_law(vehicle: Vehicle, extended, solution: Solution) -> Law:
@@ -245,12 +223,12 @@ def solved_law(vehicle: Vehicle, extended, solution: Solution) -> Law:
     )
 
 
-def described(setup: Setup, laws) -> Gains:
+def described(given: Inputs, laws) -> Gains:
     """Laws as an artifact, with the sensitivity that their gains leave."""
-    planet, design = setup.planet, setup.design
+    planet, design = given.planet, given.design
     columns, rows, final = position_columns(planet), position_rows(planet), []
     for law in laws:
-        linear = model(planet, setup.vehicle, setup.solver.scheme, law)
+        linear = model(planet, given.vehicle, given.solver.scheme, law)
         steps = transitions(linear, gain_vector(planet, design, law.scaled_gain))
         final.append(rows @ propagate_columns(steps, columns)[-1])
 

@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, Strict, model_validator
 
+from marsedl.replication.inputs import sections
 from marsedl.replication.inputs.sections import (
     ARRAY,
     Few,
-    Inputs,
     Iterations,
     NonNegative,
     Number,
@@ -240,7 +240,7 @@ def check_bank_rates(vehicle: Vehicle, mission: Mission) -> None:
             raise ValueError(f"mission.{name} lies beyond vehicle.bank_rate_bound: {abs(rate):g} above {bound:g} rad/s")
 
 
-class DesensitizedInputs(Inputs):
+class Inputs(sections.Inputs):
     """Everything that the desensitized-landing results depend on."""
 
     CASES: ClassVar = {"entry_errors": "ensemble.trials"}
@@ -254,6 +254,3 @@ class DesensitizedInputs(Inputs):
     simulation: Simulation
     ensemble: Ensemble
     studies: Studies
-
-
-MODEL = DesensitizedInputs

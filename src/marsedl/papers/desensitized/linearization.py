@@ -8,7 +8,7 @@ from marsedl.methods.linearization import linearize_intervals
 from marsedl.methods.sensitivity import propagate_columns, scheme_transitions
 from marsedl.papers.desensitized import entry_problem, records
 from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
-from marsedl.papers.desensitized.inputs import Planet, Solver, Vehicle
+from marsedl.papers.desensitized.inputs import Inputs, Planet, Vehicle
 from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -53,17 +53,18 @@ def position_rows(planet: Planet):
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, solver: Solver, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
+def compute(given: Inputs, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
     """Linearise about the nominal, and propagate the position columns along it and along the rows of Table 3."""
+    planet = given.planet
     columns, rows = position_columns(planet), position_rows(planet)
-    linear = model(planet, vehicle, solver.scheme, entry_problem.of_nominal(nominal))
+    linear = model(planet, given.vehicle, given.solver.scheme, entry_problem.of_nominal(nominal))
     steps = transitions(linear)
     final = []
     for row in entry_problem.of_rows(tradeoff):
-        of_row = transitions(model(planet, vehicle, solver.scheme, row))
+        of_row = transitions(model(planet, given.vehicle, given.solver.scheme, row))
         final.append(rows @ propagate_columns(of_row, columns)[-1])
     return Linearization(
-        scheme=solver.scheme,
+        scheme=given.solver.scheme,
         time=nominal.time,
         state_matrix=linear.state_matrix,
         control_matrix=linear.control_matrix,

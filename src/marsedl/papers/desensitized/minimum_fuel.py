@@ -11,8 +11,8 @@ import numpy as np
 
 from marsedl.methods.collocation import SOLVED, BranchEndError, Guess, Program, Solution, Variable
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, Setup, attempt
-from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, attempt
+from marsedl.papers.desensitized.inputs import Design, Inputs, Solver, Vehicle
 from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
 from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.units import DEGREE
@@ -31,31 +31,22 @@ class Way(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    studies: Studies,
-    nominal: Nominal,
-) -> MinimumFuel:
+def compute(given: Inputs, nominal: Nominal) -> MinimumFuel:
     """Minimise the fuel under each bound."""
-    setup = Setup(planet, vehicle, mission, solver, design)
-    of_bounds = [under_bound(setup, nominal, float(bound)) for bound in studies.fuel_bounds]
+    of_bounds = [under_bound(given, nominal, float(bound)) for bound in given.studies.fuel_bounds]
     return MinimumFuel(
-        bound=studies.fuel_bounds,
+        bound=given.studies.fuel_bounds,
         solution=np.array(SOLUTIONS),
         **{name: np.array([fields[name] for fields in of_bounds]) for name in of_bounds[0]},
     )
 
 
-def under_bound(setup: Setup, nominal: Nominal, bound):
+def under_bound(given: Inputs, nominal: Nominal, bound):
     """The fields of one bound."""
-    vehicle, solver = setup.vehicle, setup.solver
-    transcribed = fuel_program(setup, nominal, bound)
+    vehicle, solver = given.vehicle, given.solver
+    transcribed = fuel_program(given, nominal, bound)
     first = attempt(solver, transcribed, split(nominal), share(0.0), barrier=WARM)
-    way = to_fuel(solver, setup.design, transcribed, first)
+    way = to_fuel(solver, given.design, transcribed, first)
     reached = way.last.status == SOLVED and way.last.given["weight"] == 1.0
     beside = attempt(solver, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
     solutions = (first, way.last, beside)
@@ -74,7 +65,7 @@ def under_bound(setup: Setup, nominal: Nominal, bound):
     }
 
 
-def fuel_program(setup: Setup, nominal: Nominal, bound) -> Program:
+def fuel_program(given: Inputs, nominal: Nominal, bound) -> Program:
     """Energy and fuel in shares, with the bank acceleration as a difference of two that are not negative.
 
         minimise  integral (1 - s) (p^2 + n^2) / e + s (p + n) dt,   u = p - n
@@ -82,7 +73,7 @@ def fuel_program(setup: Setup, nominal: Nominal, bound) -> Program:
     in degrees; at most one of p and n differs from zero, as both cost. The scale e makes the two parts equal at the
     nominal. The share s takes the place of the weight.
     """
-    base = entry_problem.problem(setup.planet, setup.vehicle, setup.mission)
+    base = entry_problem.problem(given)
     count = len(STATES)
     scale = nominal.effort / (nominal.cumulative / DEGREE) if nominal.cumulative else 1.0
 
@@ -97,7 +88,7 @@ def fuel_program(setup: Setup, nominal: Nominal, bound) -> Program:
 
     controls = tuple(Variable(f"{sign}_bank_acceleration", 0.002, 0.0, bound) for sign in ("positive", "negative"))
     declared = replace(base, rates=rates, controls=controls, running_cost=running_cost)
-    return entry_problem.program(setup.planet, setup.solver, declared)
+    return entry_problem.program(given.planet, given.solver, declared)
 
 
 def share(of_fuel):

@@ -7,7 +7,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
-from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
+from marsedl.papers.desensitized.inputs import Inputs
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
@@ -19,30 +19,29 @@ OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are n
 
 
 @stage()
-def simulate(
-    planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, flown: Flown
-) -> FlightChunk:
+def simulate(given: Inputs, gains: Gains, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
-    bound = vehicle.bank_acceleration_bound
+    bound = given.vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
-    simulators = [
-        block_simulator(planet, vehicle, simulation, ensemble, flown_law(gains, number))
-        for number in range(len(gains.law))
-    ]
+    simulators = [block_simulator(given, flown_law(gains, number)) for number in range(len(gains.law))]
     return FlightChunk(
-        **flown_chunk(simulators, flown, drawn=ensemble.drawn_trials, exits=TableExits(planet), histogram_edges=edges)
+        **flown_chunk(
+            simulators, flown, drawn=given.ensemble.drawn_trials, exits=TableExits(given.planet), histogram_edges=edges
+        )
     )
 
 
-def block_simulator(planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, law):
+def block_simulator(given: Inputs, law):
     """Return the function `simulate_block(first, last)` under a law, its reference and gain."""
-    air, (reference, gain) = environment.surroundings(planet, vehicle), law
+    air, (reference, gain) = environment.surroundings(given.planet, given.vehicle), law
 
     def simulate_block(first, last):
-        errors = normals(ensemble.seed, ERROR_STREAM, np.arange(first, last), 3) * ensemble.initial_deviations
-        states = environment.displaced(planet, reference.initial_state, errors)
+        errors = (
+            normals(given.ensemble.seed, ERROR_STREAM, np.arange(first, last), 3) * given.ensemble.initial_deviations
+        )
+        states = environment.displaced(given.planet, reference.initial_state, errors)
         every = output_step(len(reference.bank_acceleration))
-        return flight.fly(*air, reference, gain, states, substeps=simulation.substeps, every=every)
+        return flight.fly(*air, reference, gain, states, substeps=given.simulation.substeps, every=every)
 
     return simulate_block
 
@@ -54,16 +53,14 @@ def output_step(intervals):
 
 
 @stage()
-def gather(
-    planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains, chunks: list[FlightChunk]
-) -> FlightEnsemble:
+def gather(given: Inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
     step = output_step(gains.bank_acceleration.shape[1])
-    air, nominals = environment.surroundings(planet, vehicle), []
+    air, nominals = environment.surroundings(given.planet, given.vehicle), []
     for number in range(len(gains.law)):
         reference, gain = flown_law(gains, number)
         start = reference.initial_state[np.newaxis]
-        trajectories = flight.fly(*air, reference, gain, start, substeps=simulation.substeps, every=step)
+        trajectories = flight.fly(*air, reference, gain, start, substeps=given.simulation.substeps, every=step)
         nominals.append(trajectories.history[:, :, 0])
     nominal, merged = np.array(nominals), joined(chunks)
     ends = np.where(merged["outcome"][:, :, np.newaxis] == COMPLETED, merged["final_state"], np.nan)
@@ -71,7 +68,7 @@ def gather(
         law=gains.law,
         time=gains.time[:, ::step],
         nominal=nominal,
-        final_error=entry_problem.position_errors(ends, nominal[:, -1:], planet.planet_radius),
+        final_error=entry_problem.position_errors(ends, nominal[:, -1:], given.planet.planet_radius),
         **merged,
     )
 

@@ -6,25 +6,26 @@ from marsedl.methods.collocation import Guess, Solution, resimulate
 from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM, Trajectory
-from marsedl.papers.desensitized.inputs import Mission, Planet, Solver, Vehicle
+from marsedl.papers.desensitized.inputs import Inputs, Solver
 from marsedl.papers.desensitized.records import Nominal
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) -> Nominal:
+def compute(given: Inputs) -> Nominal:
     """Solve for the nominal from the inputs' guess, and check its branch (Eqs. 1 to 4, Table 2)."""
-    declared = entry_problem.problem(planet, vehicle, mission)
+    solver = given.solver
+    declared = entry_problem.problem(given)
     guess = entry_problem.profile_guess(
-        mission, solver, declared, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
+        given.mission, solver, declared, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
     )
-    transcribed = entry_problem.program(planet, solver, declared)
+    transcribed = entry_problem.program(given.planet, solver, declared)
     # The adaptive barrier leaves the guess's branch on some meshes.
     solution = entry_problem.solve(solver, "nominal", transcribed, guess, barrier=WARM)
     refuse_other_branch(solver, entry_problem.of_solution(solution))
-    TableExits(planet).count(solution.states[:, 0]).say("nominal flight")
-    return described(planet, vehicle, mission, solution)
+    TableExits(given.planet).count(solution.states[:, 0]).say("nominal flight")
+    return described(given, solution)
 
 
 def refuse_other_branch(solver: Solver, along: Trajectory) -> None:
@@ -63,7 +64,7 @@ def refuse_other_branch(solver: Solver, along: Trajectory) -> None:
     )
 
 
-def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solution) -> Nominal:
+def described(given: Inputs, solution: Solution) -> Nominal:
     """A solution as an artifact."""
     time, control = solution.time, solution.controls[:, 0]
     states = solution.states[:, : len(entry_problem.STATES)]
@@ -75,14 +76,14 @@ def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solu
         bank_acceleration=control,
         effort=entry_problem.effort(time, control),
         cumulative=total,
-        propellant=float(entry_problem.propellant(vehicle, total)),
+        propellant=float(entry_problem.propellant(given.vehicle, total)),
         largest_bank_rate=float(np.abs(states[:, BANK_RATE]).max()),
         largest_bank_acceleration=float(np.abs(control).max()),
         reversals=entry_problem.reversals(states[:, BANK]),
         reversal_times=entry_problem.reversal_times(time, states[:, BANK]),
         branch=entry_problem.branch_name(states[:, BANK]),
         flown=resimulated,
-        miss=entry_problem.miss(planet, mission, resimulated[-1]),
+        miss=entry_problem.miss(given.planet, given.mission, resimulated[-1]),
         costate=solution.costates[:, : len(entry_problem.STATES)],
         status=solution.status,
         iterations=solution.iterations,

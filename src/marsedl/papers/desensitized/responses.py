@@ -4,23 +4,21 @@ import numpy as np
 
 from marsedl.papers.desensitized import components, entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
-from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
+from marsedl.papers.desensitized.inputs import Inputs
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Responses
 from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.records.fields import finite
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains) -> Responses:
+def compute(given: Inputs, gains: Gains) -> Responses:
     """Fly every law with the errors of the figures."""
+    simulation = given.simulation
     wide, narrow = (
         np.array([np.linspace(-size, size, simulation.sweep_points) for size in sizes])
         for sizes in (simulation.wide_errors, simulation.narrow_errors)
     )
-    of_laws = [
-        responses_of_law(planet, vehicle, simulation, *flown_law(gains, number), wide, narrow)
-        for number in range(len(gains.law))
-    ]
+    of_laws = [responses_of_law(given, *flown_law(gains, number), wide, narrow) for number in range(len(gains.law))]
     return Responses(
         law=gains.law,
         time=gains.time,
@@ -32,9 +30,10 @@ def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gai
     )
 
 
-def responses_of_law(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, gain, wide, narrow):
+def responses_of_law(given: Inputs, reference, gain, wide, narrow):
     """Everything that is stored of one law, by field."""
-    air, radius = environment.surroundings(planet, vehicle), planet.planet_radius
+    planet, simulation = given.planet, given.simulation
+    air, radius = environment.surroundings(planet, given.vehicle), planet.planet_radius
     # The first trial has no error: it is the nominal, to the last bit.
     errors = np.vstack([np.zeros(3), np.diag(simulation.drawn_errors)])
     trials = flight.fly(

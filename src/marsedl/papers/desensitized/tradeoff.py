@@ -12,8 +12,8 @@ import numpy as np
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
 from marsedl.methods.desensitization import Desensitized
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, Setup
-from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Vehicle
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM
+from marsedl.papers.desensitized.inputs import Design, Inputs, Planet, Simulation, Solver
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
 from marsedl.replication.errors import MarsedlError, SolverError
@@ -44,29 +44,21 @@ def columns_in_norm(design: Design):
     return CHANNELS if design.sensitivity_columns == "all" else CHANNELS[:1]
 
 
-def prepared(setup: Setup, channels=None, **options) -> tuple[Desensitized, Program]:
+def prepared(given: Inputs, channels=None, **options) -> tuple[Desensitized, Program]:
     """The problem of Eq. 6, and its transcription."""
-    channels = channels or columns_in_norm(setup.design)
+    channels = channels or columns_in_norm(given.design)
     extended = entry_problem.desensitized(
-        setup, [entry_problem.position_error(setup.planet, name) for name in channels]
+        given, [entry_problem.position_error(given.planet, name) for name in channels]
     )
-    declared = entry_problem.weighted(setup.planet, setup.design, extended, channels)
-    return extended, entry_problem.program(setup.planet, setup.solver, declared, **options)
+    declared = entry_problem.weighted(given.planet, given.design, extended, channels)
+    return extended, entry_problem.program(given.planet, given.solver, declared, **options)
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    nominal: Nominal,
-) -> Tradeoff:
+def compute(given: Inputs, nominal: Nominal) -> Tradeoff:
     """Follow the solutions over the weight, and find the rows of Table 3 among them."""
-    setup = Setup(planet, vehicle, mission, solver, design)
-    extended, transcribed = prepared(setup)
+    solver, design = given.solver, given.design
+    extended, transcribed = prepared(given)
     first = entry_problem.solve(
         solver,
         "no weight",
@@ -83,7 +75,7 @@ def compute(
         *chosen(solver, design, transcribed, points).items(),
         *((np.nan, at_weight(points, c)) for c in design.infinite_weights),
     ]
-    return described(setup, simulation, extended, points, folds, rows)
+    return described(given, extended, points, folds, rows)
 
 
 def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
@@ -217,9 +209,9 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
     return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
-def described(setup: Setup, simulation: Simulation, extended, points, folds, rows) -> Tradeoff:
+def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
     """Path, folds and rows, each with its printed weight, as an artifact."""
-    planet, design = setup.planet, setup.design
+    planet, design = given.planet, given.design
     path = [point.solution for point in points]
     printed_weights, solutions = [c1 for c1, _ in rows], [row.solution for _, row in rows]
 
@@ -230,7 +222,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         return entry_problem.cumulative(solution.time, solution.controls[:, 0])
 
     def errors(solution):
-        return final_error(planet, simulation, extended, solution)
+        return final_error(planet, given.simulation, extended, solution)
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
@@ -255,13 +247,13 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         column=np.array([extended.columns(s)[:, :, 0] for s in solutions]),
         effort=np.array([effort(s) for s in solutions]),
         cumulative=np.array([cumulative(s) for s in solutions]),
-        propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in solutions]),
+        propellant=np.array([entry_problem.propellant(given.vehicle, cumulative(s)) for s in solutions]),
         error=np.array([errors(s) for s in solutions]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in solutions]),
         row_branch=np.array([row.branch for _, row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in solutions]),
-        miss=np.array([entry_problem.miss(planet, setup.mission, resimulate(s)[-1]) for s in solutions]),
+        miss=np.array([entry_problem.miss(planet, given.mission, resimulate(s)[-1]) for s in solutions]),
         status=np.array([s.status for s in solutions]),
         iterations=np.array([s.iterations for s in solutions]),
         solves=len(points) + len(rows),

@@ -6,7 +6,7 @@ from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, SPHERES
-from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs, Recursion
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
@@ -15,24 +15,17 @@ SOLVER = "SCS"  # of the programs with multipliers: faster than Clarabel
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    studies: Studies,
-    linearization: Linearization,
-    gains: Gains,
-) -> CoarseFunnels:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> CoarseFunnels:
     """Funnels by samples, by multipliers, backwards and back again."""
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
+    recursion = given.recursion
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
     design = samples(recursion)
-    spacing = environment.spacing_of(loop, studies.coarse_stages)
+    spacing = environment.spacing_of(loop, given.studies.coarse_stages)
     steps = environment.slices(loop, spacing)
     variants = {"samples": propagate(recursion, loop, gains, design, spacing)}
     levels, states = by_multipliers(recursion, loop, gains, spacing)
     variants["multipliers"] = levels, _outcome(levels, states)
-    back, programs, outcome = backwards(recursion, loop, gains, design, steps, studies.backward_level)
+    back, programs, outcome = backwards(recursion, loop, gains, design, steps, given.studies.backward_level)
     variants["backward"] = back, outcome
     variants["returned"] = (
         propagate(recursion, loop, gains, design, spacing, back[0]) if outcome == COMPLETE else variants["backward"]

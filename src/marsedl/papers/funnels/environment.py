@@ -8,7 +8,7 @@ from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.models.atmosphere import named_profile
 from marsedl.models.dynamics.vinh_entry import vinh_entry_rates
 from marsedl.models.heating import sutton_graves_heat_rate
-from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Guidance, Inputs, Mission, Planet, Uncertainty, Vehicle
 
 STATES = ("altitude", "longitude", "latitude", "velocity", "flight_path_angle", "heading")
 DISTURBANCES = 2  # of the density at all altitudes, and of its slope
@@ -170,9 +170,9 @@ def spacing_of(loop: ClosedLoop, stages):
     return min(divisors, key=lambda number: abs(np.log(loop.steps / number / stages)))
 
 
-def disturbed_loop(planet: Planet, vehicle: Vehicle, uncertainty: Uncertainty, linearization, gain):
+def disturbed_loop(given: Inputs, linearization, gain):
     """The closed loop in the disturbed air, see `closed_loop`."""
-    return closed_loop(planet, vehicle, disturbed_air(planet, uncertainty), linearization, gain)
+    return closed_loop(given.planet, given.vehicle, disturbed_air(given.planet, given.uncertainty), linearization, gain)
 
 
 def closed_loop(planet: Planet, vehicle: Vehicle, air: Air, linearization, gain):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.inputs import Mission, Planet, Recursion, Vehicle
+from marsedl.papers.funnels.inputs import Inputs, Planet, Vehicle
 from marsedl.papers.funnels.records import EquationsOfMotion
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -13,18 +13,19 @@ COMPLEX_STEP = 1e-30
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, mission: Mission, recursion: Recursion) -> EquationsOfMotion:
+def compute(given: Inputs) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
-    generator = np.random.Generator(np.random.Philox((recursion.design_seed, STATES)))
+    planet = given.planet
+    generator = np.random.Generator(np.random.Philox((given.recursion.design_seed, STATES)))
     low = np.array([0.0, -3.0, -1.2, 400.0, -1.2, -3.0, -3.0])
-    high = np.array([mission.entry_altitude, 3.0, 1.2, mission.entry_velocity, 1.2, 3.0, 3.0])
+    high = np.array([given.mission.entry_altitude, 3.0, 1.2, given.mission.entry_velocity, 1.2, 3.0, 3.0])
     *state, bank = generator.uniform(low, high, (RANDOM_STATES, len(low))).T
     air = environment.undisturbed_air(planet)
     still = (0.0,) * environment.DISTURBANCES
-    rates = np.array(environment.entry_rates(planet, vehicle, air)(None, state, (bank,), still))
+    rates = np.array(environment.entry_rates(planet, given.vehicle, air)(None, state, (bank,), still))
     displaced = np.array(state) + 1j * COMPLEX_STEP * rates
     position, velocity = inertial(planet, 1j * COMPLEX_STEP, displaced)
-    expected = acceleration(planet, vehicle, position.real, velocity.real, state[0], bank)
+    expected = acceleration(planet, given.vehicle, position.real, velocity.real, state[0], bank)
 
     def deviation(rate, truth):
         return float((np.linalg.norm(rate - truth, axis=0) / np.linalg.norm(truth, axis=0)).max())

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs, Recursion
 from marsedl.papers.funnels.programs import propagate, samples, stage_at
 from marsedl.papers.funnels.records import EulerStep, Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
@@ -13,20 +13,13 @@ EXCESS_TOLERANCE = 1e-5  # of programs whose bounds are compared with others tha
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-) -> EulerStep:
+def compute(given: Inputs, linearization: Linearization, gains: Gains, funnel: Funnel) -> EulerStep:
     """Bound every stage of the funnel by the Euler step, which differs by terms of second order in its length."""
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
+    recursion = given.recursion
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
     design, spacing = samples(recursion), recursion.steps_per_slice
     of_motion = recursion.condition == "flow" and recursion.sampling != "raw"
-    of_motion = of_motion and not (recursion.inflated or uncertainty.additive)
+    of_motion = of_motion and not (recursion.inflated or given.uncertainty.additive)
     levels = funnel.level if of_motion else propagate(recursion, loop, gains, design, spacing)[0]
     return EulerStep(excess=euler_excess(recursion, loop, gains, design, spacing, levels))
 

@@ -19,7 +19,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import dubins as dubins_stage
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import OBSERVED
-from marsedl.papers.funnels.inputs import Planet, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 
 START_STREAM, DISTURBANCE_STREAM, ADDITIVE_STREAM = range(3)
 
@@ -46,13 +46,13 @@ class Draws(NamedTuple):
     adversarial_directions: int | None = None  # directions of disturbance from which the adversary chooses
 
 
-def entry_setting(planet: Planet, vehicle: Vehicle, uncertainty: Uncertainty, linearization, gains, funnel):
+def entry_setting(given: Inputs, linearization, gains, funnel):
     """Flights of the entry, held against its funnel."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    air = environment.disturbed_air(given.planet, given.uncertainty)
+    loop = environment.closed_loop(given.planet, given.vehicle, air, linearization, gains.half_gain)
     amplitudes, heat_rate = (
-        environment.additive_amplitudes(planet, uncertainty),
-        partial(environment.heat_rate, vehicle, air),
+        environment.additive_amplitudes(given.planet, given.uncertainty),
+        partial(environment.heat_rate, given.vehicle, air),
     )
     return Setting(loop, gains.shape, *_at_nodes(loop, funnel.step, funnel.level), OBSERVED, amplitudes, heat_rate)
 

@@ -15,7 +15,7 @@ from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
 from marsedl.papers.funnels.environment import Air
-from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs, Recursion, Studies, Vehicle
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
@@ -30,29 +30,22 @@ MEMORY_FACTOR = 10.0
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    studies: Studies,
-    linearization: Linearization,
-    gains: Gains,
-) -> Funnel:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Funnel:
     """Propagate the funnel from the initial set to the end, and check every stage of it."""
-    air = environment.disturbed_air(planet, uncertainty)
-    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    recursion = given.recursion
+    air = environment.disturbed_air(given.planet, given.uncertainty)
+    loop = environment.closed_loop(given.planet, given.vehicle, air, linearization, gains.half_gain)
     design = well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE)
     steps = environment.slices(loop, recursion.steps_per_slice)
     shape = gains.shape[steps]
-    amplitudes = environment.additive_amplitudes(planet, uncertainty)
+    amplitudes = environment.additive_amplitudes(given.planet, given.uncertainty)
     library_funnel, outcome = propagate(recursion, loop, gains, design, amplitudes)
     stages = described_stages(library_funnel, len(steps) - 1)
     level = _padded([gains.initial_level] if library_funnel is None else library_funnel.rho, len(steps))
     with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
         shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
-        slices = described_slices(vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
-        plane = fig4(studies, air, loop, steps, shape, shape_rate, level)
+        slices = described_slices(given.vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
+        plane = fig4(given.studies, air, loop, steps, shape, shape_rate, level)
     return Funnel(
         outcome=outcome,
         step=steps,

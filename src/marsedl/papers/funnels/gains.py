@@ -8,7 +8,7 @@ from marsedl.methods.funnels.linear import minkowski_shape, slice_jacobians
 from marsedl.methods.funnels.recursion import initial_level
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -16,16 +16,10 @@ NO_DISTURBANCE = 1e-9  # least p of a Minkowski sum; it keeps 1/p finite
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    guidance: Guidance,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    linearization: Linearization,
-) -> Gains:
+def compute(given: Inputs, linearization: Linearization) -> Gains:
     """Design the regulator and the shapes."""
-    scale = environment.state_scale(planet, guidance)
+    guidance = given.guidance
+    scale = environment.state_scale(given.planet, guidance)
     weight = np.diag(1.0 / scale**2)
     regulator = tvlqr(
         linearization.state_matrix[1::2],
@@ -36,12 +30,12 @@ def compute(
         terminal_weight=guidance.terminal_weight * weight,
     )
     half_gain = at_half_steps(regulator.gains)[:, 0]
-    initial_set = environment.initial_set(environment.initial_semi_axes(planet, uncertainty))
+    initial_set = environment.initial_set(environment.initial_semi_axes(given.planet, given.uncertainty))
     shape = regulator.values
-    if recursion.shape != "value_matrix":
-        loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, half_gain)
+    if given.recursion.shape != "value_matrix":
+        loop = environment.disturbed_loop(given, linearization, half_gain)
         transitions, responses, _ = slice_jacobians(loop, np.arange(len(linearization.time)))
-        if recursion.shape == "minimum_trace":
+        if given.recursion.shape == "minimum_trace":
             shape = minkowski_shape(transitions, responses, initial_set, scale)
         else:
             shape = least_volume_shape(transitions, responses, initial_set, scale)

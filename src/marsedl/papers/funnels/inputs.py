@@ -4,11 +4,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, PlainSerializer, Strict, model_validator
 
+from marsedl.replication.inputs import sections
 from marsedl.replication.inputs.sections import (
     ARRAY,
     Count,
     Few,
-    Inputs,
     NonNegative,
     Number,
     Positive,
@@ -320,7 +320,7 @@ def check_slice(guidance: Guidance, recursion: Recursion, studies: Studies) -> N
         )
 
 
-class FunnelsInputs(Inputs):
+class Inputs(sections.Inputs):
     """Everything that the funnels depend on."""
 
     CASES: ClassVar = {
@@ -339,6 +339,3 @@ class FunnelsInputs(Inputs):
     ensemble: Ensemble
     car: Car
     studies: Studies
-
-
-MODEL = FunnelsInputs

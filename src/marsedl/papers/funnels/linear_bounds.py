@@ -11,27 +11,19 @@ import numpy as np
 from marsedl.methods.funnels.linear import linear_exact, linear_triangle, slice_jacobians
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import half_widths
-from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    guidance: Guidance,
-    recursion: Recursion,
-    linearization: Linearization,
-    gains: Gains,
-) -> LinearBounds:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
     """Propagate everything that follows from the Jacobians."""
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
-    steps = environment.slices(loop, recursion.steps_per_slice)
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
+    steps = environment.slices(loop, given.recursion.steps_per_slice)
     transitions, responses, _ = slice_jacobians(loop, np.arange(len(loop.time)))
     across, pushed = between_slices(transitions, responses, steps)
-    shapes, scale = gains.shape[steps], environment.state_scale(planet, guidance)
+    shapes, scale = gains.shape[steps], environment.state_scale(given.planet, given.guidance)
     exact = linear_exact(across, pushed, shapes, gains.initial_level)
     return LinearBounds(
         time=loop.time,

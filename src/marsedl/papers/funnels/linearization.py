@@ -5,20 +5,18 @@ import numpy as np
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.inputs import Guidance, Planet, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Linearization, Nominal
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(
-    planet: Planet, vehicle: Vehicle, guidance: Guidance, uncertainty: Uncertainty, nominal: Nominal
-) -> Linearization:
+def compute(given: Inputs, nominal: Nominal) -> Linearization:
     """Fly the nominal's bank angle on the fine grid, and linearise at every half step."""
-    air = environment.disturbed_air(planet, uncertainty)
-    rates = environment.entry_rates(planet, vehicle, air)
+    air = environment.disturbed_air(given.planet, given.uncertainty)
+    rates = environment.entry_rates(given.planet, given.vehicle, air)
     still = np.zeros(environment.DISTURBANCES)
-    time = np.linspace(0.0, nominal.time[-1], guidance.fine_steps + 1)
+    time = np.linspace(0.0, nominal.time[-1], given.guidance.fine_steps + 1)
     state, control = reference_on_half_steps(
         lambda state, control: rates(None, state, control, still),
         time,
@@ -39,6 +37,6 @@ def compute(
         state_matrix=model.state_matrix,
         control_matrix=model.control_matrix[:, :, 0],
         disturbance_matrix=model.control_matrix[:, :, 1:],
-        heat_rate=environment.heat_rate(vehicle, air, state[:, 0], state[:, 3]),
+        heat_rate=environment.heat_rate(given.vehicle, air, state[:, 0], state[:, 3]),
         deceleration=-reference_rates[3],
     )

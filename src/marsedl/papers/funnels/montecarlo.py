@@ -10,7 +10,7 @@ from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.funnels import flight
-from marsedl.papers.funnels.inputs import Car, Ensemble, Planet, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Car, Ensemble, Inputs
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -19,23 +19,14 @@ OUTCOMES = {0: "flown to the end", 3: "not finite"}
 
 
 @stage()
-def simulate(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    ensemble: Ensemble,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-    *,
-    flown: Flown,
-) -> FlightChunk:
+def simulate(given: Inputs, linearization: Linearization, gains: Gains, funnel: Funnel, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of the trials of a case.
 
     The case is "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
     `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
     """
-    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
+    ensemble = given.ensemble
+    setting = flight.entry_setting(given, linearization, gains, funnel)
     draws = flight.Draws(ensemble.seed, flown.case, ensemble.redraw_steps, ensemble.adversarial_directions)
     return _reduced(setting, draws, flown, ensemble.drawn_trials)
 

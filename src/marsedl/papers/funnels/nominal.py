@@ -24,7 +24,7 @@ from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.density import TableExits
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.environment import STATES
-from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Vehicle
+from marsedl.papers.funnels.inputs import Guidance, Inputs, Mission, Planet, Vehicle
 from marsedl.papers.funnels.records import Nominal
 from marsedl.replication.errors import InfeasibleError, MarsedlError, SolverError
 from marsedl.replication.pipeline.catalogue import stage
@@ -51,14 +51,15 @@ class Limits(NamedTuple):
 # ---- the problem -----------------------------------------------------------------------------------------------------
 
 
-def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bounds, limits: Limits) -> Problem:
+def problem(given: Inputs, final_time_bounds, limits: Limits) -> Problem:
     """Least integral of the squared bank rate from entry to deployment (robust entry funnels, Sec. 4).
 
     The bank angle is a state, its rate the control, constant on each interval. The limit is imposed on the logarithm
     of the heat rate, which the solver takes far better than the heat rate itself.
     """
-    air = environment.undisturbed_air(planet)
-    motion = environment.entry_rates(planet, vehicle, air)
+    mission = given.mission
+    air = environment.undisturbed_air(given.planet)
+    motion = environment.entry_rates(given.planet, given.vehicle, air)
     largest = np.log(limits.heat_rate)
 
     def rates(*arguments):
@@ -67,7 +68,7 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bound
 
     def log_heat_rate(*arguments):
         altitude, velocity = arguments[0], arguments[3]
-        factor = np.log(vehicle.heat_rate_constant / np.sqrt(vehicle.nose_radius))
+        factor = np.log(given.vehicle.heat_rate_constant / np.sqrt(given.vehicle.nose_radius))
         return factor + 0.5 * environment.log_density(air, altitude) + 3.0 * np.log(velocity)
 
     slowest, fastest = mission.final_velocity_bounds
@@ -87,7 +88,7 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bound
         initial=dict(zip(STATES, environment.entry_state(mission), strict=True)),
         final={
             "altitude": mission.final_altitude,
-            "longitude": mission.entry_longitude + limits.final_downrange / planet.planet_radius,
+            "longitude": mission.entry_longitude + limits.final_downrange / given.planet.planet_radius,
         },
         boundary=(Condition("final velocity", lambda start, end: end["velocity"], slowest, fastest, 1e3),),
         path=(Condition("logarithm of the heat rate", log_heat_rate, -np.inf, largest),),
@@ -114,18 +115,19 @@ def constant_bank(mission: Mission, declared, intervals, bank, final_time) -> Gu
     return Guess(simulate(declared, start, still, time, relative_tolerance=1e-7), still, final_time)
 
 
-def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, limits: Limits, intervals, guesses):
+def search(given: Inputs, limits: Limits, intervals, guesses):
     """Solve within limits from every start of a list of bank angles and final times.
 
     Returns:
         List with a `Solution` for every start, or the error with which it ended.
     """
-    declared = problem(planet, vehicle, mission, guidance.final_time_bounds, limits)
+    guidance = given.guidance
+    declared = problem(given, guidance.final_time_bounds, limits)
     program = Program(declared, intervals, guidance.scheme)
     ends = []
     for bank, final_time in guesses:
         try:
-            guess = constant_bank(mission, program.problem, intervals, bank, final_time)
+            guess = constant_bank(given.mission, program.problem, intervals, bank, final_time)
             ends.append(
                 program.solve(guess, tolerance=guidance.nominal_tolerance, iterations=guidance.nominal_iterations)
             )
@@ -137,36 +139,38 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
 # ---- limits ----------------------------------------------------------------------------------------------------------
 
 
-def limits_of(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Limits:
+def limits_of(given: Inputs) -> Limits:
     """Final downrange and limit of the heat rate: as they are given, or by their ratios.
 
     The peak without a limit is that of the first start that leads to a flight, whichever optimum is taken with one.
     """
+    mission = given.mission
     downrange, heat_rate = mission.final_downrange, mission.heat_rate_limit
     if downrange is None:
-        slowest = slowest_arrival(planet, vehicle, mission, guidance)
+        slowest = slowest_arrival(given)
         downrange = float(np.round(mission.downrange_ratio * slowest / WHOLE_DOWNRANGE) * WHOLE_DOWNRANGE)
     if heat_rate is None:
         without, ends = Limits(downrange, np.inf), []
-        for start in allowed_starts(mission, guidance):
-            ends += search(planet, vehicle, mission, guidance, without, guidance.intervals, [start])
+        for start in allowed_starts(mission, given.guidance):
+            ends += search(given, without, given.guidance.intervals, [start])
             if isinstance(ends[-1], Solution):
                 break
         else:
             raise _failure(ends)
-        peak = peak_heat_rate(planet, vehicle, ends[-1])[0]
+        peak = peak_heat_rate(given.planet, given.vehicle, ends[-1])[0]
         heat_rate = float(np.round(mission.heat_rate_ratio * peak / WHOLE_HEAT_RATE) * WHOLE_HEAT_RATE)
     return Limits(downrange, heat_rate)
 
 
-def slowest_arrival(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> float:
+def slowest_arrival(given: Inputs) -> float:
     """Downrange (m) of that flight under constant bank which is the slowest at the final altitude.
 
     Of flights a degree apart, a parabola through the slowest and its neighbours is taken. Raises InfeasibleError if no
     flight arrives.
     """
-    air = environment.undisturbed_air(planet)
-    motion = environment.entry_rates(planet, vehicle, air)
+    mission = given.mission
+    air = environment.undisturbed_air(given.planet)
+    motion = environment.entry_rates(given.planet, given.vehicle, air)
     low, high = mission.bank_bounds
     banks = np.linspace(low, high, round((high - low) / BANK_SPACING) + 1)
     state = np.repeat(environment.entry_state(mission)[:, np.newaxis], len(banks), axis=1)
@@ -175,7 +179,7 @@ def slowest_arrival(planet: Planet, vehicle: Vehicle, mission: Mission, guidance
     def rates(state):
         return np.array(np.broadcast_arrays(*motion(None, state, (banks,), (0.0, 0.0))))
 
-    for _ in range(round(guidance.final_time_bounds[1] / ARRIVAL_STEP)):
+    for _ in range(round(given.guidance.final_time_bounds[1] / ARRIVAL_STEP)):
         after = runge_kutta(rates, state, ARRIVAL_STEP)
         there = flying & (after[0] <= mission.final_altitude)
         share = (state[0] - mission.final_altitude) / np.where(there, state[0] - after[0], 1.0)
@@ -194,7 +198,7 @@ def slowest_arrival(planet: Planet, vehicle: Vehicle, mission: Mission, guidance
         before, at, after = velocity[near]
         place = (before - after) / (2.0 * (before - 2.0 * at + after))
     at = float(np.interp(slowest + place, np.arange(len(banks)), longitude)) if place else float(longitude[slowest])
-    return (at - mission.entry_longitude) * planet.planet_radius
+    return (at - mission.entry_longitude) * given.planet.planet_radius
 
 
 def runge_kutta(rates, state, step):
@@ -210,10 +214,10 @@ def allowed_starts(mission: Mission, guidance: Guidance):
     return starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
 
 
-def best(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, limits: Limits) -> Solution:
+def best(given: Inputs, limits: Limits) -> Solution:
     """The solution from the guess, or the cheapest of all starts, as the inputs say."""
-    guesses = allowed_starts(mission, guidance)
-    ends = search(planet, vehicle, mission, guidance, limits, guidance.intervals, guesses)
+    guesses = allowed_starts(given.mission, given.guidance)
+    ends = search(given, limits, given.guidance.intervals, guesses)
     solutions = distinct(ends)
     if not solutions:
         raise _failure(ends)
@@ -224,11 +228,12 @@ def best(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance,
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
+def compute(given: Inputs) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
+    planet = given.planet
     TableExits(planet).count(np.array(planet.density_window)).say("density_window, over which the density is fitted")
-    limits = limits_of(planet, vehicle, mission, guidance)
-    return described(planet, vehicle, best(planet, vehicle, mission, guidance, limits), limits)
+    limits = limits_of(given)
+    return described(planet, given.vehicle, best(given, limits), limits)
 
 
 def distinct(ends):

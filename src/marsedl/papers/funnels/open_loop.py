@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.funnels import environment, flight
 from marsedl.papers.funnels.basics import OBSERVED
-from marsedl.papers.funnels.inputs import Ensemble, Planet, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Gains, Linearization, OpenLoop
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -15,17 +15,11 @@ ON_GROUND = slice(1, 3)  # longitude and latitude among the states
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    ensemble: Ensemble,
-    linearization: Linearization,
-    gains: Gains,
-) -> OpenLoop:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> OpenLoop:
     """Fly the starts and disturbances of the case "constant" without feedback, and take linear motion both ways."""
+    ensemble = given.ensemble
     loops = [
-        environment.disturbed_loop(planet, vehicle, uncertainty, linearization, half_gain)
+        environment.disturbed_loop(given, linearization, half_gain)
         for half_gain in (np.zeros_like(gains.half_gain), gains.half_gain)
     ]
     setting = flight.Setting(
@@ -34,7 +28,7 @@ def compute(
         level=np.full(len(gains.time), gains.initial_level),
         at_slice=np.zeros(len(gains.time), bool),
         observed=OBSERVED[:2],
-        additive=environment.additive_amplitudes(planet, uncertainty),
+        additive=environment.additive_amplitudes(given.planet, given.uncertainty),
     )
     simulate_block = flight.simulator(setting, flight.Draws(ensemble.seed))
     deviations = np.hstack(
@@ -44,14 +38,14 @@ def compute(
         ]
     )
     finite = np.isfinite(deviations).all(axis=0)
-    on_ground = np.abs(deviations[:, finite]) * planet.planet_radius
+    on_ground = np.abs(deviations[:, finite]) * given.planet.planet_radius
     parts = [on_ground[:, np.flatnonzero(finite) % REPEATS == repeat] for repeat in range(REPEATS)]
     return OpenLoop(
         trials=ensemble.trials,
         lost=int(np.count_nonzero(~finite)),
         flown_half_width=_farthest(on_ground),
         repeat_half_width=np.array([_farthest(part) for part in parts]),
-        linear_half_width=np.array([linear_reach(loop, gains) * planet.planet_radius for loop in loops]),
+        linear_half_width=np.array([linear_reach(loop, gains) * given.planet.planet_radius for loop in loops]),
     )
 
 

@@ -7,7 +7,7 @@ from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, half_widths
-from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Gains, Linearization, Proven
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -17,22 +17,15 @@ NO_ADDITIVE = "disturbances that are added to the rates are bounded for linear d
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    linearization: Linearization,
-    gains: Gains,
-) -> Proven:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Proven:
     """Propagate the level from the initial set by proven bounds, until the end or until one does not exist."""
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
-    design = well_chosen_design(covering_spheres(loop), recursion.design_seed, BASIS_DEGREE)
-    steps = environment.slices(loop, recursion.steps_per_slice)
-    if uncertainty.additive:
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
+    design = well_chosen_design(covering_spheres(loop), given.recursion.design_seed, BASIS_DEGREE)
+    steps = environment.slices(loop, given.recursion.steps_per_slice)
+    if given.uncertainty.additive:
         stages, outcome = [], NO_ADDITIVE
     else:
-        stages, outcome = propagate(loop, gains, design, steps, recursion.taylor_order)
+        stages, outcome = propagate(loop, gains, design, steps, given.recursion.taylor_order)
     level = np.full(len(linearization.time), np.nan)
     level[0] = gains.initial_level
     for proof in stages:

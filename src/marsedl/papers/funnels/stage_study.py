@@ -14,7 +14,7 @@ from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES
-from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs, Recursion
 from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
 from marsedl.replication.pipeline.catalogue import stage
@@ -31,27 +31,19 @@ CHECKS, RANKS, SAMPLES = 11, 12, 15
 
 
 @stage(claimed_in=("printed", "corrected"))
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    guidance: Guidance,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    studies: Studies,
-    linearization: Linearization,
-    gains: Gains,
-) -> StageStudy:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> StageStudy:
     """Study the stage of the configuration."""
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
+    recursion = given.recursion
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
     design = samples(recursion)
     spacing = recursion.steps_per_slice
-    number = environment.slice_at(loop, spacing, studies.benchmark_slice)
-    stage = stage_at(recursion, loop, gains, number, studies.benchmark_level, spacing)
+    number = environment.slice_at(loop, spacing, given.studies.benchmark_slice)
+    stage = stage_at(recursion, loop, gains, number, given.studies.benchmark_level, spacing)
     return StageStudy(
         **counts(recursion),
         **forms(recursion, stage, design),
-        **undersampled(recursion, studies.studied_samples, stage),
-        **conditions(stage, design, environment.state_scale(planet, guidance)),
+        **undersampled(recursion, given.studies.studied_samples, stage),
+        **conditions(stage, design, environment.state_scale(given.planet, given.guidance)),
     )
 
 

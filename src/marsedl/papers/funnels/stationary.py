@@ -7,7 +7,7 @@ from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import SLICE, SPHERES
-from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
+from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.programs import stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, Stationary
 from marsedl.replication.pipeline.catalogue import stage
@@ -20,26 +20,20 @@ DIFFERENCE = 1e-4  # of disturbances
 
 
 @stage()
-def compute(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    recursion: Recursion,
-    studies: Studies,
-    linearization: Linearization,
-    gains: Gains,
-) -> Stationary:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Stationary:
     """Seek them in the polynomial of the stage of the configuration, whatever the reading's funnel takes.
 
     The rates themselves have none: w acts through the density alone, in which they are affine, so that the gradient of
     V' by w is that of the density times a number, and a Hessian of rank one comes with it.
     """
-    loop = environment.disturbed_loop(planet, vehicle, uncertainty, linearization, gains.half_gain)
-    spacing = recursion.steps_per_slice
-    number = environment.slice_at(loop, spacing, studies.stationary_slice)
-    euler_stage = stage_at(recursion, loop, gains, number, studies.stationary_level, spacing, condition="euler")
-    generator = np.random.Generator(np.random.Philox((recursion.design_seed, DISTURBANCES)))
-    points = SPHERES.random_points(int(studies.stationary_points), generator)
+    loop = environment.disturbed_loop(given, linearization, gains.half_gain)
+    spacing = given.recursion.steps_per_slice
+    number = environment.slice_at(loop, spacing, given.studies.stationary_slice)
+    euler_stage = stage_at(
+        given.recursion, loop, gains, number, given.studies.stationary_level, spacing, condition="euler"
+    )
+    generator = np.random.Generator(np.random.Philox((given.recursion.design_seed, DISTURBANCES)))
+    points = SPHERES.random_points(int(given.studies.stationary_points), generator)
     polynomial = in_disturbances(euler_stage, points[:, : SLICE.variables])
     w, gradient, start = newton(polynomial)
     converged = np.linalg.norm(gradient, axis=1) < CONVERGED * np.linalg.norm(start, axis=1)

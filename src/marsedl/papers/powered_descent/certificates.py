@@ -6,31 +6,23 @@ from scipy.interpolate import CubicSpline
 from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
 from marsedl.methods.covariance_steering.forward_integration import LinearMotion, integrate_forward, modified_index
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import Certificates, Gains, Linearization
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage(claimed_in=("printed", "corrected"))
-def compute(
-    entry: Entry,
-    mission: Mission,
-    noise: Noise,
-    design: Design,
-    studies: Studies,
-    linearization: Linearization,
-    gains: Gains,
-) -> Certificates:
+def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Certificates:
     """Check both segments' designs.
 
     The second segment is checked as designed, from the target covariance at the switch; noise is that of the design.
     """
-    problems = segments.problems_of(segments.divert_of(entry, mission, noise, design), linearization)
+    problems = segments.problems_of(segments.divert_of(given), linearization)
     models = segments.split(
         linearization.segment, linearization.state_matrix, linearization.control_matrix, linearization.affine
     )
-    sizes = [int(number) for number in studies.certificate_intervals]
+    sizes = [int(number) for number in given.studies.certificate_intervals]
     rows = []
     for number, (problem, model) in enumerate(zip(problems, models, strict=True)):
         row = _forward(problem, model, gains.riccati_initial[number], gains.mean_costate[number])

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import histogram_percentile
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Drawing, Entry, Mission, Planet, Studies, Vehicle
+from marsedl.papers.powered_descent.inputs import Drawing, Inputs, Mission, Studies, Vehicle
 from marsedl.papers.powered_descent.records import (
     MOTION,
     THRUST,
@@ -46,14 +46,14 @@ def fig01(vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig02(planet: Planet, entry: Entry, mission: Mission, drawing: Drawing, nominal: Nominal) -> Figure:
+def fig02(given: Inputs, nominal: Nominal) -> Figure:
     """Divert geometry: steered mean path, ballistic path, covariance ellipses and divert radius."""
     figure, axes = new_figure(6.4, 4.8)
-    start, final = segments.initial_mean(entry), mission.final_mean
+    start, final = segments.initial_mean(given.entry), given.mission.final_mean
     # The ballistic arc ends at ground level, which is where the divert radius is measured.
-    fall = (start[3] + np.sqrt(start[3] ** 2 + 2 * planet.gravity * max(start[1], 0.0))) / planet.gravity
+    fall = (start[3] + np.sqrt(start[3] ** 2 + 2 * given.planet.gravity * max(start[1], 0.0))) / given.planet.gravity
     time, impact = np.linspace(0.0, fall, 200), start[0] + start[2] * fall
-    arc = start[:2, np.newaxis] + np.outer(start[2:], time) - np.outer([0.0, planet.gravity / 2], time**2)
+    arc = start[:2, np.newaxis] + np.outer(start[2:], time) - np.outer([0.0, given.planet.gravity / 2], time**2)
     axes.plot(*arc, color=ORANGE, linestyle="--", label="uncontrolled path")
     plot(axes, nominal, "mean.altitude", x="mean.downrange", color=BLUE, label="steered mean path")
     zero(axes, linewidth=0.8)
@@ -63,9 +63,9 @@ def fig02(planet: Planet, entry: Entry, mission: Mission, drawing: Drawing, nomi
         r"$\bar r_T,\ \Sigma_T$": (9, 0, "left"),
     }
     for mean, covariance, (text, (*offset, side)) in zip(
-        *segments.end_conditions(entry, mission), ends.items(), strict=True
+        *segments.end_conditions(given.entry, given.mission), ends.items(), strict=True
     ):
-        axes.plot(*ellipse(mean[:2], covariance[:2, :2], drawing.ellipse_sigma).T, color=BLACK, linewidth=0.9)
+        axes.plot(*ellipse(mean[:2], covariance[:2, :2], given.drawing.ellipse_sigma).T, color=BLACK, linewidth=0.9)
         axes.annotate(text, mean[:2], offset, textcoords="offset points", ha=side, va="center", fontsize=8)
     arrow = {"arrowstyle": "->", "color": BLACK, "linewidth": 1.2}
     axes.annotate("", start[:2] + VELOCITY_TIME * start[2:], start[:2], arrowprops=arrow)
@@ -182,10 +182,10 @@ def fig06a(mission: Mission, gains: Gains) -> Figure:
     return figure
 
 
-def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: FlightEnsemble) -> Figure:
+def fig06b(given: Inputs, closed_loop: FlightEnsemble) -> Figure:
     """Control magnitude as a fraction of the maximum thrust: mean, upper percentile and maximum over the trials."""
     figure, axes = new_figure()
-    level, name = drawing.thrust_percentile, f"control magnitude / {vehicle.maximum_thrust:,.0f} N"
+    level, name = given.drawing.thrust_percentile, f"control magnitude / {given.vehicle.maximum_thrust:,.0f} N"
     mean, largest = (
         field(closed_loop, f"{name}.thrust", **BY_SEGMENT) for name in ("observed_mean", "maximum_over_trials")
     )
@@ -195,9 +195,9 @@ def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: Fl
         (mean.of(percentile), BLUE, f"{100 * level:g} % of the flights below"),
         (largest, VERMILION, "maximum"),
     ):
-        plot(axes, thrust.of(thrust.values / vehicle.maximum_thrust, name, "1"), color=color, label=label)
+        plot(axes, thrust.of(thrust.values / given.vehicle.maximum_thrust, name, "1"), color=color, label=label)
     mark(axes, y=1.0, linewidth=1.2, label="maximum thrust")
-    mark(axes, x=mission.segment_durations[0])
+    mark(axes, x=given.mission.segment_durations[0])
     axes.set(xlim=(0, closed_loop.time[-1]), title=f"{closed_loop.count:,} flights")
     axes.set_ylim(bottom=0)
     axes.legend()

@@ -12,7 +12,7 @@ from marsedl.methods.covariance_steering.closed_form import (
 )
 from marsedl.methods.covariance_steering.fixed_point import fixed_point
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies, Vehicle
+from marsedl.papers.powered_descent.inputs import Inputs, Noise
 from marsedl.papers.powered_descent.records import FixedPointStudy, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 
@@ -21,18 +21,11 @@ ORDERS = ("gauss_seidel", "jacobi")
 
 
 @stage(claimed_in=("printed", "corrected"))
-def compute(
-    vehicle: Vehicle,
-    entry: Entry,
-    mission: Mission,
-    noise: Noise,
-    design: Design,
-    studies: Studies,
-    linearization: Linearization,
-) -> FixedPointStudy:
+def compute(given: Inputs, linearization: Linearization) -> FixedPointStudy:
     """Run Algorithm 1 in the reading's thrust unit and in units of the maximum thrust, and sweep the noise density."""
-    problems = segments.problems_of(segments.divert_of(entry, mission, noise, design), linearization)
-    units = tuple(dict.fromkeys((noise.thrust_unit, vehicle.maximum_thrust)))
+    noise, studies = given.noise, given.studies
+    problems = segments.problems_of(segments.divert_of(given), linearization)
+    units = tuple(dict.fromkeys((noise.thrust_unit, given.vehicle.maximum_thrust)))
     tolerance, limit = studies.fixed_point_tolerance, studies.fixed_point_iterations
     plant = segments.plant_noise_density(noise)
 

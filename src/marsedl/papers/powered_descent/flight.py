@@ -14,7 +14,7 @@ from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_i
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Noise, Planet, Vehicle
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import DEPTH, Gains
 
 INITIAL_STREAM, NOISE_STREAM = 0, 1
@@ -89,9 +89,9 @@ def schedules_of(times, gains: Gains, steps, prior_mass=None):
     return [schedule(time, part, number) for time, part, number in zip(times, parts, steps, strict=True)]
 
 
-def plant_of(planet: Planet, vehicle: Vehicle, noise: Noise) -> Plant:
+def plant_of(given: Inputs) -> Plant:
     """Return the simulated plant with the gravity, mass flow and noise of the reading."""
-    return Plant(planet.gravity, segments.mass_flow(vehicle), segments.plant_noise_density(noise))
+    return Plant(given.planet.gravity, segments.mass_flow(given.vehicle), segments.plant_noise_density(given.noise))
 
 
 def with_held_command(schedule, command_interval):

@@ -4,22 +4,22 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import predicted_covariance
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(entry: Entry, mission: Mission, noise: Noise, design: Design, linearization: Linearization) -> Gains:
+def compute(given: Inputs, linearization: Linearization) -> Gains:
     """Steer both segments and predict the covariance that the plant's noise gives.
 
     The second segment is designed from the target covariance at the switch, and predicted from the one really reached.
     """
-    divert = segments.divert_of(entry, mission, noise, design)
+    divert = segments.divert_of(given)
     problems = segments.problems_of(divert, linearization)
     steerings = segments.steered(problems)
-    noise_density = segments.plant_noise_density(noise)
-    covariances, reached = [], entry.initial_covariance
+    noise_density = segments.plant_noise_density(given.noise)
+    covariances, reached = [], given.entry.initial_covariance
     for problem, steering in zip(problems, steerings, strict=True):
         covariances.append(predicted_covariance(problem, steering.riccati[0], noise_density, reached))
         reached = covariances[-1][-1]

@@ -5,13 +5,13 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, PlainSerializer
 
+from marsedl.replication.inputs import sections
 from marsedl.replication.inputs.sections import (
     ARRAY,
     CountOrNone,
     Drawn,
     Few,
     Fraction,
-    Inputs,
     Iterations,
     NonNegative,
     Number,
@@ -230,7 +230,7 @@ def check_studies(studies: Studies) -> None:
             raise ValueError(f"studies.{name} must increase, but is from {lowest:g} to {highest:g}: exchange them")
 
 
-class PoweredDescentInputs(Inputs):
+class Inputs(sections.Inputs):
     """Everything that the powered-descent results depend on."""
 
     CASES: ClassVar = {
@@ -255,6 +255,3 @@ class PoweredDescentInputs(Inputs):
     ensemble: Ensemble
     studies: Studies
     drawing: Drawing
-
-
-MODEL = PoweredDescentInputs

@@ -3,19 +3,17 @@
 import numpy as np
 
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Planet
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import Linearization, Nominal
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(
-    planet: Planet, entry: Entry, mission: Mission, noise: Noise, design: Design, nominal: Nominal
-) -> Linearization:
+def compute(given: Inputs, nominal: Nominal) -> Linearization:
     """Linearize the motion about the prior mass profile."""
-    divert = segments.divert_of(entry, mission, noise, design)
+    divert = segments.divert_of(given)
     masses = segments.split(nominal.segment, nominal.mass)
-    models = [segments.linear_model(mass, planet.gravity) for (mass,) in masses]
+    models = [segments.linear_model(mass, given.planet.gravity) for (mass,) in masses]
     problems = segments.problems_along(divert, models)
 
     def joined(name):

@@ -1,22 +1,13 @@
 """Monte Carlo flights of the nonlinear plant, closed and open loop, scattered in chunks and gathered."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.powered_descent import flight, segments
-from marsedl.papers.powered_descent.inputs import (
-    Design,
-    Ensemble,
-    Entry,
-    Mission,
-    Planet,
-    Simulation,
-    Vehicle,
-)
+from marsedl.papers.powered_descent.inputs import Inputs, Mission, Simulation
 from marsedl.papers.powered_descent.records import (
     FlightChunk,
     FlightEnsemble,
@@ -28,42 +19,18 @@ from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 LARGE = "_large"  # ends the name of a case that flies the same trials and more
 
 
-class Flights(NamedTuple):
-    """What is flown, how finely, and with which random numbers."""
-
-    planet: Planet
-    vehicle: Vehicle
-    entry: Entry
-    mission: Mission
-    design: Design
-    simulation: Simulation
-    ensemble: Ensemble
-
-
 @stage()
-def simulate(
-    planet: Planet,
-    vehicle: Vehicle,
-    entry: Entry,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    nominal: Nominal,
-    gains: Gains,
-    *,
-    flown: Flown,
-) -> FlightChunk:
+def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is "closed_loop", "open_loop", "prior_mass" (the plant flies the mass that the design assumes) or
     "wide_switch" (the second segment begins with too wide a scatter), with the suffix "_large" for the large ensembles,
     which fly the same trials and more. All cases start from the same states and meet the same noise.
     """
-    flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
-    thrust_edges = np.linspace(0.0, ensemble.thrust_range * vehicle.maximum_thrust, ensemble.thrust_bins + 1)
+    ensemble = given.ensemble
+    thrust_edges = np.linspace(0.0, ensemble.thrust_range * given.vehicle.maximum_thrust, ensemble.thrust_bins + 1)
     reduced = flown_chunk(
-        block_simulator(flights, nominal, gains, flown.case),
+        block_simulator(given, nominal, gains, flown.case),
         flown,
         drawn=ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
@@ -71,12 +38,12 @@ def simulate(
     return FlightChunk(**reduced)
 
 
-def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
+def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, case: str) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    vehicle, entry, simulation = flights.vehicle, flights.entry, flights.simulation
-    durations, seed = flights.mission.segment_durations, flights.ensemble.seed
+    vehicle, entry, simulation = given.vehicle, given.entry, given.simulation
+    durations, seed = given.mission.segment_durations, given.ensemble.seed
     steps = [flight.step_count(d, simulation.time_step, simulation.output_interval) for d in durations]
-    times = segments.grids(durations, flights.design.design_interval)
+    times = segments.grids(durations, given.design.design_interval)
     kind = case.removesuffix(LARGE)
     prior_mass = nominal.mass if kind == "prior_mass" else None
     schedules = flight.schedules_of(times, gains, [number for number, _ in steps], prior_mass)
@@ -84,8 +51,8 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str)
         schedules = [flight.open_loop(schedule) for schedule in schedules]
     if simulation.command_interval is not None:
         schedules = [flight.with_held_command(schedule, simulation.command_interval) for schedule in schedules]
-    widening = flights.ensemble.wide_switch_factor if kind == "wide_switch" else 1.0
-    plant = flight.Plant(flights.planet.gravity, segments.mass_flow(vehicle), gains.noise_density_plant)
+    widening = given.ensemble.wide_switch_factor if kind == "wide_switch" else 1.0
+    plant = flight.Plant(given.planet.gravity, segments.mass_flow(vehicle), gains.noise_density_plant)
     start = flight.Start(segments.initial_mean(entry), entry.initial_covariance, vehicle.wet_mass)
 
     def simulate_block(first, last):

@@ -4,24 +4,25 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from marsedl.papers.powered_descent import flight, segments
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Planet, Vehicle
+from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import Nominal
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, noise: Noise, design: Design) -> Nominal:
+def compute(given: Inputs) -> Nominal:
     """Iterate on the mass profile until it no longer changes (Algorithm 3, over both segments).
 
     The profile that is kept is the last one or that of the first pass, whichever the design asks for; mean, thrust and
     final state are those of the design on it.
     """
-    divert = segments.divert_of(entry, mission, noise, design)
-    plant = flight.Plant(planet.gravity, segments.mass_flow(vehicle), 0.0)
-    start = np.append(divert.means[0], vehicle.wet_mass)
+    design = given.design
+    divert = segments.divert_of(given)
+    plant = flight.Plant(given.planet.gravity, segments.mass_flow(given.vehicle), 0.0)
+    start = np.append(divert.means[0], given.vehicle.wet_mass)
     time, segment = segments.joined_time(divert.times)
-    passes, steered_passes, integrated = [np.full(len(time), vehicle.wet_mass)], [], []
+    passes, steered_passes, integrated = [np.full(len(time), given.vehicle.wet_mass)], [], []
     feedback = design.mass_profile != "first_pass_without_feedback"
     for mass, steerings, final_state in mass_passes(divert, plant, start, feedback=feedback):
         change = np.abs(mass - passes[-1])

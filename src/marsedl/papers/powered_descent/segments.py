@@ -11,7 +11,7 @@ from marsedl.methods.covariance_steering.closed_form import (
     steer,
 )
 from marsedl.models.dynamics.powered_descent import mass_flow_constant
-from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Vehicle
+from marsedl.papers.powered_descent.inputs import Design, Entry, Inputs, Mission, Noise, Vehicle
 from marsedl.papers.powered_descent.records import Linearization
 from marsedl.replication.errors import InfeasibleError
 
@@ -28,10 +28,10 @@ class Divert(NamedTuple):
     noise_density: float  # that it designs for, N sqrt(s)
 
 
-def divert_of(entry: Entry, mission: Mission, noise: Noise, design: Design) -> Divert:
+def divert_of(given: Inputs) -> Divert:
     """Return the grids, end conditions and noise density of the design."""
-    times = grids(mission.segment_durations, design.design_interval)
-    return Divert(times, *end_conditions(entry, mission), design_noise_density(noise, design))
+    times = grids(given.mission.segment_durations, given.design.design_interval)
+    return Divert(times, *end_conditions(given.entry, given.mission), design_noise_density(given.noise, given.design))
 
 
 def end_conditions(entry: Entry, mission: Mission) -> tuple[list[np.ndarray], list[np.ndarray]]:

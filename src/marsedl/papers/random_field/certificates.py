@@ -13,7 +13,7 @@ from marsedl.montecarlo.statistics import central_moments
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Air, Guidance, Inputs, Simulation
 from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.records import Certificates, Linearization, Nominal
@@ -25,27 +25,19 @@ TIMES = 9  # at which the process along the nominal is compared with the field's
 
 
 @stage(claimed_in=("corrected",))
-def compute(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-    linearization: Linearization,
-) -> Certificates:
+def compute(given: Inputs, nominal: Nominal, linearization: Linearization) -> Certificates:
     """Solve the first program in every way, sample fields along its trajectory, and compare.
 
     Raises MarsedlError if the reading's design was refused, or a solver fails.
     """
+    simulation = given.simulation
     if linearization.refused:
         raise MarsedlError(f"there is no design to certify: {linearization.refused}")
-    motion = motion_of(planet, air, vehicle, mission, simulation)
-    states = states_of(planet.planet_radius, nominal)
+    motion = motion_of(given)
+    states = states_of(given.planet.planet_radius, nominal)
     control = np.zeros(len(linearization.partition) - 1)
     model = along(motion, linearization.partition, control, states)
-    posed, system = design.program(guidance, vehicle, motion, model, control)
+    posed, system = design.program(given.guidance, given.vehicle, motion, model, control)
     try:
         innovations, history, other = (
             block_program.solve(posed, form=form, solver=solver, accept_ill_conditioned=True)
@@ -63,8 +55,8 @@ def compute(
         samples=simulation.paper_trials,
         **_identities(posed.system, innovations),
         **_separation(simulation, system, innovations),
-        convexity=_convexity(guidance, simulation, posed, innovations),
-        **_sampled(air, simulation, model),
+        convexity=_convexity(given.guidance, simulation, posed, innovations),
+        **_sampled(given.air, simulation, model),
         **_dependence(posed.system),
     )
 

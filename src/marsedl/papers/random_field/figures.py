@@ -11,15 +11,7 @@ from marsedl.papers.random_field import double_integrator as linear_example
 from marsedl.papers.random_field import environment, flight_statistics
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL
-from marsedl.papers.random_field.inputs import (
-    Air,
-    Drawing,
-    Mission,
-    Planet,
-    PointMass,
-    Simulation,
-    Vehicle,
-)
+from marsedl.papers.random_field.inputs import Air, Drawing, Inputs, Mission, Planet, PointMass, Simulation, Vehicle
 from marsedl.papers.random_field.records import (
     BRANCHES,
     DoubleIntegrator,
@@ -150,15 +142,15 @@ def fig02(simulation: Simulation, drawing: Drawing) -> Figure:
     return figure
 
 
-def fig03(air: Air, simulation: Simulation, drawing: Drawing, nominal: Nominal) -> Figure:
+def fig03(given: Inputs, nominal: Nominal) -> Figure:
     """Samples of the field over altitude and, seen through the nominal path, of the process over time."""
     figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2, width_ratios=(1, 1.6), sharex="col", sharey="row")
     (over_altitude, path), (corner, process) = panels
     orders = ("first sample", "second sample", "third sample")
-    count = min(drawing.drawn_samples, SCHEMATIC_SAMPLES)
+    count = min(given.drawing.drawn_samples, SCHEMATIC_SAMPLES)
     # Down to the lowest altitude and up to the end, so that the samples of the field are those that the path meets.
     altitude = _altitudes(nominal.altitude.min(), nominal.altitude.max())
-    samples = variation_samples(air, simulation, altitude, count)
+    samples = variation_samples(given.air, given.simulation, altitude, count)
     met = random_field.interpolate(nominal.altitude, altitude, samples)
     marks = np.searchsorted(nominal.time, np.arange(0.0, nominal.time[-1], MARK_INTERVAL))
     variation = field(nominal, "variation_deviation")
@@ -189,13 +181,13 @@ def fig03(air: Air, simulation: Simulation, drawing: Drawing, nominal: Nominal) 
     return figure
 
 
-def fig04(simulation: Simulation, point_mass: PointMass, drawing: Drawing) -> Figure:
+def fig04(given: Inputs) -> Figure:
     """Samples of the locally periodic force on the double integrator."""
     figure, axes = new_figure(6.4, 3.4)
-    kernel = linear_example.kernel(point_mass)
-    position = np.linspace(0.0, SHOWN_PERIODS * point_mass.double_integrator_period, LINE_POINTS)
+    kernel = linear_example.kernel(given.point_mass)
+    position = np.linspace(0.0, SHOWN_PERIODS * given.point_mass.double_integrator_period, LINE_POINTS)
     root = random_field.root(random_field.covariance_matrix(kernel, position))
-    normal_numbers = _normals(simulation.seed, FORCE_STREAM, np.arange(drawing.drawn_samples), LINE_POINTS)
+    normal_numbers = _normals(given.simulation.seed, FORCE_STREAM, np.arange(given.drawing.drawn_samples), LINE_POINTS)
     samples = random_field.sample(normal_numbers, root)
     deviation = np.sqrt(kernel(position, position))
     axes.fill_between(position, -2 * deviation, 2 * deviation, label=r"$\pm 2 \sigma$", **BAND)
@@ -248,12 +240,12 @@ def fig05(
     return figure
 
 
-def fig06(planet: Planet, vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
+def fig06(given: Inputs, nominal: Nominal) -> Figure:
     """The mission to scale: approach, flight through the atmosphere, and the orbits between the burns."""
     figure, (whole, close) = new_figure(6.6, 6.8, nrows=2, height_ratios=(4.2, 1))
-    plan = mission_plan(planet, mission, nominal)
+    plan = mission_plan(given.planet, given.mission, nominal)
     turn = np.linspace(0.0, 2 * np.pi, 721)
-    ceiling = 1.0 + vehicle.entry_altitude / planet.planet_radius
+    ceiling = 1.0 + given.vehicle.entry_altitude / given.planet.planet_radius
     whole.fill(*_clockwise(turn, ceiling).T, color=SKY, alpha=0.5, linewidth=0, zorder=1.5)
     whole.fill(*_clockwise(turn, 1.0).T, facecolor=SURFACE, edgecolor=GREY, zorder=1.6)
     for curve, color, width, label in (
@@ -298,15 +290,15 @@ def fig06(planet: Planet, vehicle: Vehicle, mission: Mission, nominal: Nominal) 
     )
     whole.set_axis_off()
 
-    travelled = (plan.flight[0] - plan.flight[0, 0]) * planet.planet_radius / KM
-    close.axhspan(0.0, vehicle.entry_altitude / KM, color=SKY, alpha=0.3, linewidth=0)
+    travelled = (plan.flight[0] - plan.flight[0, 0]) * given.planet.planet_radius / KM
+    close.axhspan(0.0, given.vehicle.entry_altitude / KM, color=SKY, alpha=0.3, linewidth=0)
     close.plot(travelled, nominal.altitude / KM, color=VERMILION, linewidth=2.4)
     for name, at in (("entry", 0), ("exit", -1)):
         spot = travelled[at], nominal.altitude[at] / KM
         close.plot(*spot, "o", color=VERMILION, markersize=4, clip_on=False, zorder=5)
         close.annotate(name, spot, (0, 5), textcoords="offset points", ha="center", fontsize=8)
     close.set(xlabel="distance travelled over the ground (km)", ylabel=ALTITUDE_LABEL)
-    close.set_ylim(0, 1.2 * max(vehicle.entry_altitude, nominal.altitude.max()) / KM)
+    close.set_ylim(0, 1.2 * max(given.vehicle.entry_altitude, nominal.altitude.max()) / KM)
     figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
@@ -414,12 +406,12 @@ def fig09(air: Air, vehicle: Vehicle) -> Figure:
     return figure
 
 
-def fig10(air: Air, vehicle: Vehicle, simulation: Simulation, drawing: Drawing) -> Figure:
+def fig10(given: Inputs) -> Figure:
     """Samples of the density variation against altitude."""
     figure, (axes, apart) = new_figure(7.4, 4.2, ncols=2, sharey=True)
-    altitude = _altitudes(0.0, _ceiling(air, vehicle))
-    samples = variation_samples(air, simulation, altitude, drawing.drawn_samples)
-    deviation = environment.deviation(air, altitude)
+    altitude = _altitudes(0.0, _ceiling(given.air, given.vehicle))
+    samples = variation_samples(given.air, given.simulation, altitude, given.drawing.drawn_samples)
+    deviation = environment.deviation(given.air, altitude)
     axes.fill_betweenx(
         altitude / KM, -2 * deviation, 2 * deviation, color=BLUE, alpha=0.22, linewidth=0, label=r"$\pm 2 \sigma$"
     )

@@ -22,7 +22,7 @@ from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
-from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Inputs
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1
 
@@ -75,30 +75,31 @@ class Plant(NamedTuple):
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, tables) -> Settings:
+def settings(given: Inputs, tables) -> Settings:
     """The constants of an aerocapture by name."""
+    vehicle = given.vehicle
     drag_factor = 0.5 / vehicle.ballistic_coefficient
     return Settings(
-        gravitational_parameter=planet.gravitational_parameter,
-        planet_radius=planet.planet_radius,
+        gravitational_parameter=given.planet.gravitational_parameter,
+        planet_radius=given.planet.planet_radius,
         drag_factor=drag_factor,
         lift_factor=vehicle.lift_to_drag * drag_factor,
         bottom=tables.bottom,
         cells_per_metre=1.0 / tables.spacing,
         field_bottom=tables.altitude[0],
         nodes_per_metre=_nodes_per_unit(tables.altitude),
-        density_floor=air.density_floor,
+        density_floor=given.air.density_floor,
         variation_mean=tables.mean,
         lower_limit=vehicle.control_limits[0],
         upper_limit=vehicle.control_limits[1],
-        actual_density=int(simulation.dynamic_pressure_density == "actual"),
+        actual_density=int(given.simulation.dynamic_pressure_density == "actual"),
     )
 
 
-def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation) -> Plant:
+def plant_of(given: Inputs) -> Plant:
     """Return the plant of the reading."""
-    tables = environment.air_tables(air)
-    return Plant(settings(planet, air, vehicle, simulation, tables), tables)
+    tables = environment.air_tables(given.air)
+    return Plant(settings(given, tables), tables)
 
 
 def open_loop(start, control, states=3) -> Law:

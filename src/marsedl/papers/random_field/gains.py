@@ -8,14 +8,7 @@ from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
-from marsedl.papers.random_field.inputs import (
-    Air,
-    Guidance,
-    Mission,
-    Planet,
-    Simulation,
-    Vehicle,
-)
+from marsedl.papers.random_field.inputs import Guidance, Inputs, Vehicle
 from marsedl.papers.random_field.linearization import UNITS, Motion, along, delta_v_gradient, motion_of
 from marsedl.papers.random_field.nominal import (
     finite_or_nan,
@@ -34,55 +27,36 @@ SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta
 
 
 @stage()
-def compute(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-    linearization: Linearization,
-) -> Gains:
+def compute(given: Inputs, nominal: Nominal, linearization: Linearization) -> Gains:
     """Run the iterations of the reading.
 
     Raises MarsedlError if the reading refuses ill-conditioned designs and this is one, if a program is infeasible, or
     if a nominal leaves the density table.
     """
-    motion = motion_of(planet, air, vehicle, mission, simulation)
-    return along_motion(planet, air, vehicle, mission, guidance, simulation, motion, nominal, linearization)
+    motion = motion_of(given)
+    return along_motion(given, motion, nominal, linearization)
 
 
-def along_motion(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    motion: Motion,
-    nominal: Nominal,
-    linearization: Linearization,
-) -> Gains:
+def along_motion(given: Inputs, motion: Motion, nominal: Nominal, linearization: Linearization) -> Gains:
     """Run the iterations for a motion that may be another than the reading's; raises as `compute`."""
-    laws = [open_loop(guidance, vehicle, motion, nominal, linearization)]
+    laws = [open_loop(given.guidance, given.vehicle, motion, nominal, linearization)]
     outcome, period = "refused", 0
     if not linearization.refused:
-        start = initial_state(planet, vehicle, nominal.entry_flight_path_angle)
-        plant = flight.plant_of(planet, air, vehicle, simulation)
+        start = initial_state(given.planet, given.vehicle, nominal.entry_flight_path_angle)
+        plant = flight.plant_of(given)
 
         def fly(control):
             law = flight.open_loop(linearization.partition, control)
-            times, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
-            environment.require_in_table(air, times, states[:, 0] - planet.planet_radius)
+            times, states = flight.propagate_nominal(*plant, law, start, time_step=given.simulation.time_step / 2)
+            environment.require_in_table(given.air, times, states[:, 0] - given.planet.planet_radius)
             return states
 
-        run = iterate(guidance, vehicle, motion, fly, linearization.partition)
+        run = iterate(given.guidance, given.vehicle, motion, fly, linearization.partition)
         laws, outcome, period = [*laws, *run.results], run.outcome, run.period
-    time = output_times(mission, simulation)
-    every = 2 * output_steps(mission, simulation)
+    time = output_times(given.mission, given.simulation)
+    every = 2 * output_steps(given.mission, given.simulation)
     states = np.array([law["states"][::every] for law in laws])
-    altitude = states[..., 0] - planet.planet_radius
+    altitude = states[..., 0] - given.planet.planet_radius
     rows = {"laws": laws, "iterations": laws[1:]}
     columns = {
         name: np.array([row[name] for row in rows[declared.dims[0]]], dtype=declared.dtype)
@@ -98,7 +72,7 @@ def along_motion(
         altitude=altitude,
         velocity=states[..., 1],
         flight_path_angle=states[..., 2],
-        dynamic_pressure=0.5 * environment.mean_density(air, altitude) * states[..., 1] ** 2,
+        dynamic_pressure=0.5 * environment.mean_density(given.air, altitude) * states[..., 1] ** 2,
         variation_deviation=np.sqrt(motion.covariance(altitude, altitude)),
         **columns,
     )

@@ -7,11 +7,11 @@ import numpy as np
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.random_field.partition import partition_fault
+from marsedl.replication.inputs import sections
 from marsedl.replication.inputs.sections import (
     ARRAY,
     Count,
     Drawn,
-    Inputs,
     NonNegative,
     Number,
     Positive,
@@ -315,7 +315,7 @@ def check_guess(vehicle: Vehicle, guidance: Guidance) -> None:
         )
 
 
-class RandomFieldInputs(Inputs):
+class Inputs(sections.Inputs):
     """Everything that the random-field results depend on."""
 
     CASES: ClassVar = {"aerocapture": "simulation.trials"}
@@ -330,6 +330,3 @@ class RandomFieldInputs(Inputs):
     point_mass: PointMass
     studies: Studies
     drawing: Drawing
-
-
-MODEL = RandomFieldInputs

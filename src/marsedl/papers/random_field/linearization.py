@@ -12,7 +12,7 @@ from marsedl.models import orbits
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.environment import targets
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, Inputs, Mission
 from marsedl.papers.random_field.nominal import finite_or_nan, partition_used, states_of
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
 from marsedl.replication.errors import InfeasibleError
@@ -52,34 +52,26 @@ class Motion(NamedTuple):
     time_step: float  # s
 
 
-def motion_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation) -> Motion:
+def motion_of(given: Inputs) -> Motion:
     """Return the motion, the air and the targets of the reading."""
-    drag_factor = 0.5 / vehicle.ballistic_coefficient
+    drag_factor = 0.5 / given.vehicle.ballistic_coefficient
     return Motion(
-        log_density=environment.profile(air),
-        covariance=environment.kernel(air),
-        variation_mean=air.variation_mean,
-        planet_radius=planet.planet_radius,
-        gravity=planet.gravitational_parameter,
-        targets=targets(planet, mission),
+        log_density=environment.profile(given.air),
+        covariance=environment.kernel(given.air),
+        variation_mean=given.air.variation_mean,
+        planet_radius=given.planet.planet_radius,
+        gravity=given.planet.gravitational_parameter,
+        targets=targets(given.planet, given.mission),
         drag_factor=drag_factor,
-        lift_factor=vehicle.lift_to_drag * drag_factor,
-        time_step=simulation.time_step,
+        lift_factor=given.vehicle.lift_to_drag * drag_factor,
+        time_step=given.simulation.time_step,
     )
 
 
 @stage()
-def compute(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-) -> Linearization:
+def compute(given: Inputs, nominal: Nominal) -> Linearization:
     """Linearise about the guess."""
-    return of_guess(mission, guidance, motion_of(planet, air, vehicle, mission, simulation), nominal)
+    return of_guess(given.mission, given.guidance, motion_of(given), nominal)
 
 
 def of_guess(mission: Mission, guidance: Guidance, motion: Motion, nominal: Nominal) -> Linearization:

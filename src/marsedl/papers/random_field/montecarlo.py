@@ -1,7 +1,6 @@
 """Monte Carlo flights of every law through the true spatial field, scattered in chunks and gathered (Sec. V.B.4)."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
-from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Inputs, Mission, Planet
 from marsedl.papers.random_field.nominal import initial_root, initial_state, output_steps, output_times
 from marsedl.papers.random_field.records import (
     CAPTURED,
@@ -29,50 +28,29 @@ from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 CONTROL_BINS = 40
 
 
-class Flights(NamedTuple):
-    """What is flown, and how finely and with which random numbers."""
-
-    planet: Planet
-    air: Air
-    vehicle: Vehicle
-    mission: Mission
-    simulation: Simulation
-
-
 @stage()
-def simulate(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    simulation: Simulation,
-    nominal: Nominal,
-    gains: Gains,
-    *,
-    flown: Flown,
-) -> FlightChunk:
+def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
-    flights = Flights(planet, air, vehicle, mission, simulation)
-    lower, upper = vehicle.control_limits
+    lower, upper = given.vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
-    simulators = [block_simulator(flights, nominal, gains, number) for number in range(len(gains.control))]
+    simulators = [block_simulator(given, nominal, gains, number) for number in range(len(gains.control))]
     reduced = flown_chunk(
-        simulators, flown, drawn=simulation.drawn_trials, exits=TableExits(air), histogram_edges=edges
+        simulators, flown, drawn=given.simulation.drawn_trials, exits=TableExits(given.air), histogram_edges=edges
     )
-    return FlightChunk(time=output_times(mission, simulation), **reduced)
+    return FlightChunk(time=output_times(given.mission, given.simulation), **reduced)
 
 
-def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1):
+def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, number=-1):
     """Return the function `simulate_block(first, last)` under one law, which also replays single trials.
 
     number: 0 for the open loop, or an iteration, the last one unless given.
     """
-    planet, vehicle, simulation = flights.planet, flights.vehicle, flights.simulation
-    least_exit_altitude = flights.mission.least_exit_altitude
-    plant = flight.plant_of(planet, flights.air, vehicle, simulation)
+    planet, vehicle, simulation = given.planet, given.vehicle, given.simulation
+    least_exit_altitude = given.mission.least_exit_altitude
+    plant = flight.plant_of(given)
     flown_law = law(gains, number)
     mean, root = initial_state(planet, vehicle, nominal.entry_flight_path_angle), initial_root(vehicle)
-    every = output_steps(flights.mission, simulation)
+    every = output_steps(given.mission, simulation)
     lower, upper = vehicle.control_limits
 
     def simulate_block(first, last):

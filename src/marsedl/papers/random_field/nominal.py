@@ -8,8 +8,8 @@ from marsedl.papers.random_field import environment, flight
 from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.inputs import (
-    Air,
     Guidance,
+    Inputs,
     Mission,
     Planet,
     Simulation,
@@ -66,27 +66,26 @@ def output_times(mission: Mission, simulation: Simulation):
 
 
 @stage()
-def compute(
-    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance, simulation: Simulation
-) -> Nominal:
+def compute(given: Inputs) -> Nominal:
     """Solve the entry angle if it is not given, and fly.
 
     Raises MarsedlError if no entry angle of the bracket reaches the target, or if the flight leaves the density table.
     """
-    plant = flight.plant_of(planet, air, vehicle, simulation)
-    law = open_loop(mission, guidance)
-    angle = vehicle.entry_flight_path_angle
-    if vehicle.entry_angle == "solved":
-        angle = _entry_angle(planet, vehicle, mission, simulation, plant, law)
-    start = initial_state(planet, vehicle, angle)
-    time, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
+    planet, air = given.planet, given.air
+    plant = flight.plant_of(given)
+    law = open_loop(given.mission, given.guidance)
+    angle = given.vehicle.entry_flight_path_angle
+    if given.vehicle.entry_angle == "solved":
+        angle = _entry_angle(given, plant, law)
+    start = initial_state(planet, given.vehicle, angle)
+    time, states = flight.propagate_nominal(*plant, law, start, time_step=given.simulation.time_step / 2)
     altitude = states[:, 0] - planet.planet_radius
     environment.require_in_table(air, time, altitude)
     TableExits(air).count(altitude).say("nominal flight")
     density = environment.mean_density(air, altitude)
     pressure = 0.5 * density * states[:, 1] ** 2
     peak_time, largest_pressure = peak(time, pressure)
-    target_apoapsis, target_periapsis, gravity = targets(planet, mission)
+    target_apoapsis, target_periapsis, gravity = targets(planet, given.mission)
     end = states[-1]
     return Nominal(
         entry_flight_path_angle=float(angle),
@@ -105,14 +104,15 @@ def compute(
     )
 
 
-def _entry_angle(planet: Planet, vehicle: Vehicle, mission: Mission, simulation: Simulation, plant, law):
+def _entry_angle(given: Inputs, plant, law):
+    planet, mission = given.planet, given.mission
     from scipy.optimize import brentq
 
-    step = simulation.time_step / 2
-    last = round(mission.final_time / simulation.time_step * 2)
+    step = given.simulation.time_step / 2
+    last = round(mission.final_time / given.simulation.time_step * 2)
 
     def miss(angle):
-        start = initial_state(planet, vehicle, angle)
+        start = initial_state(planet, given.vehicle, angle)
         _, states = flight.propagate_nominal(*plant, law, start, time_step=step, every=last)
         radius, velocity, path_angle = states[-1]
         if not radius - planet.planet_radius > mission.least_exit_altitude:
@@ -120,7 +120,7 @@ def _entry_angle(planet: Planet, vehicle: Vehicle, mission: Mission, simulation:
         apoapsis = orbits.apoapsis_radius(radius, velocity, path_angle, planet.gravitational_parameter)
         return min(float(apoapsis) / planet.planet_radius, ESCAPED_APOAPSIS) - mission.target_apoapsis
 
-    steep, shallow = vehicle.entry_angle_bracket
+    steep, shallow = given.vehicle.entry_angle_bracket
     ends = miss(steep), miss(shallow)
     if not ends[0] < 0.0 < ends[1]:
         raise MarsedlError(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.models.dynamics.entry import aerodynamic_coefficients, aerodynamic_factor, reference_area
-from marsedl.papers.stochastic_entry.inputs import Mission, Planet, Vehicle
+from marsedl.papers.stochastic_entry.inputs import Inputs, Mission, Planet, Vehicle
 
 ENTRY_STREAM, DENSITY_STREAM, AERODYNAMICS_STREAM, PROCESS_STREAM = range(4)  # of random numbers; the last is Fig. 2's
 
@@ -31,14 +31,14 @@ class Dispersions(NamedTuple):
     lift_error: float  # of the lift coefficient, at the same end
 
 
-def dispersions_of(planet: Planet, vehicle: Vehicle, mission: Mission) -> Dispersions:
+def dispersions_of(given: Inputs) -> Dispersions:
     """Return the distribution of entry states and vehicles."""
     return Dispersions(
-        entry_mean(planet, mission),
-        entry_deviations(planet, mission),
-        body_of(vehicle),
-        vehicle.drag_dispersion,
-        vehicle.lift_dispersion,
+        entry_mean(given.planet, given.mission),
+        entry_deviations(given.planet, given.mission),
+        body_of(given.vehicle),
+        given.vehicle.drag_dispersion,
+        given.vehicle.lift_dispersion,
     )
 
 

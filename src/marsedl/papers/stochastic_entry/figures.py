@@ -11,7 +11,7 @@ from marsedl.montecarlo.statistics import variance_standard_error
 from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.claims.measures import ROWS, final_percentiles
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
-from marsedl.papers.stochastic_entry.inputs import Air, Drawing, Planet, Simulation
+from marsedl.papers.stochastic_entry.inputs import Drawing, Inputs
 from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     END_TIME,
@@ -89,25 +89,25 @@ def fig01() -> Figure:
     return figure
 
 
-def fig02(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) -> Figure:
+def fig02(given: Inputs) -> Figure:
     """Density variation against altitude: the process of the design beside that of the flights."""
     figure, both = new_figure(7.2, 4.2, ncols=2, sharex=True, sharey=True)
-    atmosphere = environment.atmosphere(air)
-    count, nodes = drawing.drawn_densities, len(atmosphere.altitude)
+    atmosphere = environment.atmosphere(given.air)
+    count, nodes = given.drawing.drawn_densities, len(atmosphere.altitude)
     from marsedl.montecarlo.streams import normals  # here, as it imports numba
 
-    normal_numbers = normals(simulation.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
-    decay = environment.decay_rate(air, atmosphere.altitude)
-    intensity = environment.diffusion(air, atmosphere.altitude)
+    normal_numbers = normals(given.simulation.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
+    decay = environment.decay_rate(given.air, atmosphere.altitude)
+    intensity = environment.diffusion(given.air, atmosphere.altitude)
     innovation = np.sqrt(density_variation.innovation_variance(atmosphere.altitude, decay, intensity))
     top = atmosphere.deviation[-1]
     process = density_variation.sample_process(normal_numbers[:count], atmosphere.retention, innovation, top)
     process_deviation = np.sqrt(density_variation.process_variance(atmosphere.altitude, decay, intensity, top**2))
     surrogate = density_variation.sample_exact(normal_numbers[count:], atmosphere.retention, atmosphere.deviation)
-    _densities(both[0], planet.atmosphere_altitude, atmosphere, process, BLUE)
+    _densities(both[0], given.planet.atmosphere_altitude, atmosphere, process, BLUE)
     for sign in (-1, 1):
         both[0].plot(sign * 2 * process_deviation, atmosphere.altitude / KM, color=BLACK, linewidth=0.8, linestyle=":")
-    _densities(both[1], planet.atmosphere_altitude, atmosphere, surrogate, VERMILION)
+    _densities(both[1], given.planet.atmosphere_altitude, atmosphere, surrogate, VERMILION)
     both[0].set(title="process of Eq. 8, diffusion of Eq. 11", ylabel="altitude (km)")
     both[1].set_title("surrogate of Mars-GRAM samples (not Mars-GRAM)")
     both[0].plot([], [], color=BLUE, linewidth=0.6, label=f"{count} samples")
@@ -190,14 +190,14 @@ def fig03() -> Figure:
     return figure
 
 
-def fig04(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) -> Figure:
+def fig04(given: Inputs) -> Figure:
     """Density variations that the first Monte Carlo trials fly through."""
     figure, axes = new_figure(4.8, 4.4)
-    atmosphere = environment.atmosphere(air)
-    variations = flown_variations(simulation.seed, atmosphere, np.arange(drawing.drawn_densities))
-    _densities(axes, planet.atmosphere_altitude, atmosphere, variations, BLUE)
+    atmosphere = environment.atmosphere(given.air)
+    variations = flown_variations(given.simulation.seed, atmosphere, np.arange(given.drawing.drawn_densities))
+    _densities(axes, given.planet.atmosphere_altitude, atmosphere, variations, BLUE)
     axes.set(ylabel="altitude (km)", title="surrogate of Mars-GRAM samples (not Mars-GRAM)")
-    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"flights 0 to {drawing.drawn_densities - 1}")
+    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"flights 0 to {given.drawing.drawn_densities - 1}")
     axes.plot([], [], color=BLACK, linestyle="--", label=r"$\pm 2 \sigma$")
     axes.legend(loc="lower right")
     return figure

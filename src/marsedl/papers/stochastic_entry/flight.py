@@ -35,7 +35,7 @@ from marsedl.papers.stochastic_entry.dispersions import (
     dispersions_of,
     factors,
 )
-from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Vehicle
+from marsedl.papers.stochastic_entry.inputs import Inputs
 from marsedl.papers.stochastic_entry.records import ALTITUDE, HISTORY, VELOCITY
 
 FEATURES = 7  # that a law feeds back: the first fields of `Sensed`
@@ -130,8 +130,9 @@ class Plant(NamedTuple):
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(planet: Planet, mission: Mission, guidance: Guidance, atmosphere) -> Settings:
+def settings(given: Inputs, atmosphere) -> Settings:
     """The constants of a flight by name."""
+    planet, mission, guidance = given.planet, given.mission, given.guidance
     return Settings(
         gravitational_parameter=planet.gravitational_parameter,
         rotation_rate=planet.rotation_rate,
@@ -164,11 +165,11 @@ def settings(planet: Planet, mission: Mission, guidance: Guidance, atmosphere) -
     )
 
 
-def plant_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Plant:
+def plant_of(given: Inputs) -> Plant:
     """Return what the trials of a reading fly in and with."""
-    atmosphere = environment.atmosphere(air)
-    constants = settings(planet, mission, guidance, atmosphere)
-    return Plant(constants, atmosphere, dispersions_of(planet, vehicle, mission))
+    atmosphere = environment.atmosphere(given.air)
+    constants = settings(given, atmosphere)
+    return Plant(constants, atmosphere, dispersions_of(given))
 
 
 def vehicles_of(dispersions: Dispersions, seed, trials) -> Vehicles:

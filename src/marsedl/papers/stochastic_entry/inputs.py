@@ -6,11 +6,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
+from marsedl.replication.inputs import sections
 from marsedl.replication.inputs.sections import (
     Count,
     Drawn,
     Fraction,
-    Inputs,
     NonNegative,
     Number,
     Positive,
@@ -250,7 +250,7 @@ def refuse_partial_periods(name: str, intervals, period: float) -> None:
             )
 
 
-class StochasticEntryInputs(Inputs):
+class Inputs(sections.Inputs):
     """Everything that the entry-guidance results depend on."""
 
     CASES: ClassVar = dict.fromkeys(
@@ -266,6 +266,3 @@ class StochasticEntryInputs(Inputs):
     design: Design
     simulation: Simulation
     drawing: Drawing
-
-
-MODEL = StochasticEntryInputs

@@ -9,7 +9,7 @@ from marsedl.methods.lincov import DiscreteSystem, discretize
 from marsedl.methods.state_trigger import trigger_projection
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
 from marsedl.papers.stochastic_entry import dispersions, environment
-from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.stochastic_entry.inputs import Inputs
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
 from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nominal
 from marsedl.replication.pipeline.catalogue import stage
@@ -21,17 +21,10 @@ def system(linearization) -> DiscreteSystem:
 
 
 @stage()
-def compute(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-) -> Linearization:
+def compute(given: Inputs, nominal: Nominal) -> Linearization:
     """Linearise at the midpoints of pairs of integration steps, and discretise over the guidance periods."""
-    steps = simulation.nominal_substeps
+    planet, air = given.planet, given.air
+    steps = given.simulation.nominal_substeps
     bounds = np.append(np.arange(0, len(nominal.time) - 1, steps), len(nominal.time) - 1)
     middles = bounds[:-1, np.newaxis] + np.arange(1, steps, 2)
     states = np.column_stack(
@@ -44,11 +37,15 @@ def compute(
         ]
     )
     _, slope, curvature = environment.profile(air)(nominal.altitude)
-    profile = (*guidance.ramp_velocities, np.cos(guidance.nominal_bank_fast), np.cos(guidance.nominal_bank_slow))
+    profile = (
+        *given.guidance.ramp_velocities,
+        np.cos(given.guidance.nominal_bank_fast),
+        np.cos(given.guidance.nominal_bank_slow),
+    )
     ramp = ramped_bank_cosine(nominal.velocity, *profile)
     aligned = nominal.time >= nominal.alignment_time
     cosine = np.where(aligned, np.cos(nominal.bank), ramp)
-    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(vehicle))
+    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(given.vehicle))
     constants = (drag_factor, lift_factor, planet.gravitational_parameter)
 
     at = middles.ravel()
@@ -75,7 +72,7 @@ def compute(
 
     mean = nominal.density[-1], -slope[-1], -air.decay_factor * slope[-1]
     final_rates = np.array(longitudinal_entry_rates(tuple(states[-1]), cosine[-1], *mean, *constants))
-    deviations = dispersions.entry_deviations(planet, mission)
+    deviations = dispersions.entry_deviations(planet, given.mission)
     initial = np.array(
         [
             0.0,

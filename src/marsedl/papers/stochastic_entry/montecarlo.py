@@ -9,7 +9,7 @@ from marsedl.papers.density import TableExits
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
-from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.stochastic_entry.inputs import Inputs, Mission, Simulation
 from marsedl.papers.stochastic_entry.records import (
     OUTCOMES,
     FlightChunk,
@@ -30,57 +30,33 @@ class End(NamedTuple):
     time: float  # s, the fixed final time, or the time limit of the velocity trigger
 
 
-class Flights(NamedTuple):
-    """What is flown, how it is guided, and how finely and with which random numbers."""
-
-    planet: Planet
-    air: Air
-    vehicle: Vehicle
-    mission: Mission
-    guidance: Guidance
-    simulation: Simulation
-
-
 @stage()
 def simulate(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    *,
-    flown: Flown,
+    given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, *, flown: Flown
 ) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is law and trigger, such as "apollo_velocity".
     """
-    flights = Flights(planet, air, vehicle, mission, guidance, simulation)
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
     reduced = flown_chunk(
-        block_simulator(flights, nominal, linearization, gains, flown.case),
+        block_simulator(given, nominal, linearization, gains, flown.case),
         flown,
-        drawn=simulation.drawn_trials,
-        exits=TableExits(air),
+        drawn=given.simulation.drawn_trials,
+        exits=TableExits(given.air),
         histogram_edges=np.array([edges, edges]),
     )
-    end = end_of(mission, nominal, flown.case)
-    time = flight.schedule(end.time, guidance.guidance_period, end.trigger).times
+    end = end_of(given.mission, nominal, flown.case)
+    time = flight.schedule(end.time, given.guidance.guidance_period, end.trigger).times
     return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 
-def block_simulator(
-    flights: Flights, nominal: Nominal, linearization: Linearization, gains: Gains, case: str
-) -> Callable:
+def block_simulator(given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, case: str) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    mission, guidance = flights.mission, flights.guidance
-    plant = flight.plant_of(flights.planet, flights.air, flights.vehicle, mission, guidance)
+    mission, guidance = given.mission, given.guidance
+    plant = flight.plant_of(given)
     control_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
-    return simulator_of(plant, control_law, end, flights.simulation)
+    return simulator_of(plant, control_law, end, given.simulation)
 
 
 def simulator_of(plant: flight.Plant, control_law: flight.Law, end: End, simulation: Simulation) -> Callable:

@@ -7,7 +7,7 @@ from marsedl.methods.guidance.targeting import require_target_ahead, targeting
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.papers.density import TableExits
 from marsedl.papers.stochastic_entry import dispersions, environment, flight
-from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.stochastic_entry.inputs import Guidance, Inputs, Simulation
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
@@ -25,23 +25,22 @@ from marsedl.replication.pipeline.catalogue import stage
 
 
 @stage()
-def compute(
-    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance, simulation: Simulation
-) -> Nominal:
+def compute(given: Inputs) -> Nominal:
     """Fly until the end velocity, then again to that time, so that every guidance period has equal steps.
 
     Raises MarsedlError if the target lies behind the entry point or the end velocity is not reached in the time limit.
     """
-    atmosphere = environment.undisturbed(environment.atmosphere(air))
-    constants = flight.settings(planet, mission, guidance, atmosphere)
-    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(vehicle))
-    mean = dispersions.entry_mean(planet, mission)
+    mission, guidance, simulation = given.mission, given.guidance, given.simulation
+    atmosphere = environment.undisturbed(environment.atmosphere(given.air))
+    constants = flight.settings(given, atmosphere)
+    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(given.vehicle))
+    mean = dispersions.entry_mean(given.planet, mission)
     state = dict(
         zip(("radius", "longitude", "latitude", "velocity", "flight_path_angle", "azimuth"), mean, strict=True)
     )
     entry_range, _ = targeting(
         **state,
-        rotation_rate=planet.rotation_rate,
+        rotation_rate=given.planet.rotation_rate,
         target_longitude=mission.target_longitude,
         target_latitude=mission.target_latitude,
     )
@@ -94,7 +93,7 @@ def compute(
     reversals, margin = _decisions(
         guidance.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
     )
-    TableExits(air).count(history[:, ALTITUDE]).say("nominal flight")
+    TableExits(given.air).count(history[:, ALTITUDE]).say("nominal flight")
     longitude, latitude, azimuth = history[:, HISTORY:].T
     return Nominal(
         time=time,

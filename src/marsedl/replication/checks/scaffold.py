@@ -24,7 +24,7 @@ def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool
     Returns the files that were written, last the register of papers, which was changed. Raises InputError, and writes
     nothing, if the name is taken or cannot serve, if title or authors are not one line of text, or if a file exists.
     """
-    register, model = root / REGISTER, "".join(map(str.capitalize, slug.split("_"))) + "Inputs"
+    register = root / REGISTER
     text = register.read_text(encoding="utf-8")
     if not (match := _SLUGS.search(text)):
         raise InputError(f"{register}: no line 'SLUGS = (...)', in which papers are registered; restore it")
@@ -38,7 +38,7 @@ def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True
     )
     templates.filters["literal"] = _literal
-    values = {"monte_carlo": monte_carlo, "slug": slug, "title": title, "authors": authors, "model": model}
+    values = {"monte_carlo": monte_carlo, "slug": slug, "title": title, "authors": authors}
     files = {}
     for name in templates.list_templates(["j2"]):
         if content := templates.get_template(name).render(values):  # an empty text is no file

@@ -377,5 +377,5 @@ def _verdict(claims: Claims, name: str, asked: Arguments) -> tuple:
 @cache
 def claims_of(slug: str) -> Claims:
     """Return the claims of a paper."""
-    model = import_module(f"marsedl.papers.{slug}.inputs").MODEL
+    model = import_module(f"marsedl.papers.{slug}.inputs").Inputs
     return Claims(f"marsedl.papers.{slug}.claims", model)

@@ -157,7 +157,7 @@ class Section(BaseModel, extra="forbid", frozen=True, defer_build=True):
         if name in type(self).model_fields:
             raise AttributeError(
                 f"the input '{name}' was not given: of a section, a stage is given what its code reads as "
-                f"'{type(self).__name__.lower()}.{name}', of a parameter annotated as {type(self).__name__}"
+                f"'{type(self).__name__.lower()}.{name}', of a parameter annotated as {type(self).__name__} or Inputs"
             )
         return super().__getattr__(name)
 
@@ -194,9 +194,9 @@ class Inputs(BaseModel, extra="forbid", frozen=True, defer_build=True):
 
     @classmethod
     def from_plain(cls, values: typing.Mapping[str, object]) -> typing.Self:
-        """Return the inputs from plain values by "section.name" that were validated before."""
+        """Return the inputs from plain values by "section.name", all or some, that were validated before."""
         plain = by_section(values)
-        return cls.model_construct(**{name: of.from_plain(plain[name]) for name, of in cls.sections().items()})
+        return cls.model_construct(**{name: of.from_plain(plain.get(name, {})) for name, of in cls.sections().items()})
 
     def get(self, name: str) -> typing.Any:
         """Return an input by "section.name"."""

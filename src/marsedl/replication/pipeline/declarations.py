@@ -1,12 +1,12 @@
 """Stages, figures and tables as their functions' signatures declare them.
 
-A stage is a function with the decorator `stage`. It takes sections of the paper's inputs and artifacts by their names,
-an artifact by that of its stage or Monte Carlo case. So do figures and tables, which may take the printed claims as
-`published` as well. Keyword-only parameters are options of the job.
+A stage is a function with the decorator `stage`. It takes sections of the paper's inputs, or all of them as
+`given: Inputs`, and artifacts by their names, an artifact by that of its stage or Monte Carlo case. So do figures and
+tables, which may take the printed claims as `published` as well. Keyword-only parameters are options of the job.
 
-Of a section, a function is given the inputs that its code reads: `planet.gravity` in itself, or in a function that it
-reaches and that takes a parameter annotated as `Planet`, or a named tuple with such a field. All of it is read from the
-source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
+A function is given the inputs that its code reads: `planet.gravity` or `given.planet.gravity` in itself, or in a
+function that it reaches and that takes a parameter annotated as `Planet`, as `Inputs`, or as a named tuple with such a
+field. All of it is read from the source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
 
 A stage has the name of its module if its function is called `compute`, else the function's. In the module `montecarlo`
 the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 STAGE, PUBLISHED = "stage", "published"
 _PARTS = {f"{FLIGHTS}:simulate": CHUNK, f"{FLIGHTS}:gather": GATHER}
-OTHERS = (PUBLISHED, "measured", "chunks")  # what functions take beside sections and artifacts
+OTHERS = ("given", PUBLISHED, "measured", "chunks")  # what functions take beside sections and artifacts
 
 
 class Taken(NamedTuple):

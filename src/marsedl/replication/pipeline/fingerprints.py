@@ -9,6 +9,8 @@ reruns nothing. A function reaches
   through absolute imports, also inside functions and through re-exports. A module passed on as an object counts whole;
 - what the modules of these, and their packages, do at import (`np.seterr(...)`, `TABLE["x"] = f`, `if`, loops).
 
+Of all inputs of a paper, `given: Inputs`, a function reaches the sections alone that it names, as in `given.vehicle`.
+
 Names in strings cannot be seen, nor functions that are reached only because their decorator entered them into a table,
 nor what a module does at import if none of its names is used. The machinery around the science, `MACHINERY`, which
 loads, saves and reports, does not count: `recipes.FORMAT` stands for it.
@@ -95,8 +97,9 @@ class Fingerprints:
     def reads(self, entry: str) -> dict[str, list[str]]:
         """Sorted attributes that this code reads of parameters, by the names of their types.
 
-        Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples are
-        followed: of `setup: Setup`, `setup.planet.mu` reads `mu` of the class that `Setup` annotates `planet` with.
+        Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples, and the
+        sections of all inputs, are followed: of `given: Inputs`, `given.planet.mu` reads `mu` of the class that
+        `Inputs` annotates `planet` with.
         """
         return self._facts(entry)[2]
 
@@ -188,13 +191,16 @@ class Fingerprints:
             if (place, words) not in self._behind:
                 self._behind[place, words] = list(self._references(*place, words))
             pending += self._behind[place, words]
-            name, first, module = place[0], place[1].partition(".")[0], self._module(place[0])
+            name, symbol = place
+            module = self._module(name)
             if module is None:
                 libraries.add(name)
                 continue
+            first = symbol.partition(".")[0]
             imports.update(f"{name}:{first} = {target}" for target in module.imports.get(first, ()))
-            if first in module.definitions:
-                definitions[f"{name}:{first}"] = [one if words else _unsaid(one) for one in module.definitions[first]]
+            defined, statements = _definition(module, symbol)
+            if statements:
+                definitions[f"{name}:{defined}"] = [one if words else _unsaid(one) for one in statements]
         return definitions, imports, libraries
 
     def _entry(self, entry: str) -> Place:
@@ -212,9 +218,9 @@ class Fingerprints:
         yield from ((name, other) for other in symbols if other == AT_IMPORT or not symbol)
         for target in module.imports.get(first, ()):
             yield from self._places(target, rest)
-        for statement in module.definitions.get(first, ()):
+        for statement in _definition(module, symbol)[1]:
             names, imports = _uses(statement if words else _unsaid(statement))
-            for used in names:
+            for used in names | {f"{kind}.{path}" for kind, path in _reads(statement)}:
                 first, _, rest = used.partition(".")
                 if first in symbols:
                     yield name, used
@@ -301,6 +307,26 @@ def _defined(statement: ast.stmt) -> set[str]:
 _text = cache(ast.dump)  # a statement without comments, docstrings and positions
 
 
+def _definition(module: Module, symbol: str) -> tuple[str, list[ast.stmt]]:
+    """What a dotted name defines, by its own name; of all inputs of a paper, the section that follows it alone."""
+    first, _, rest = symbol.partition(".")
+    statements = module.definitions.get(first, [])
+    if not any(map(_holds_sections, statements)):
+        return first, statements
+    section = rest.partition(".")[0]
+    declared = [field for statement in statements for field in _declared(statement) if field.target.id == section]
+    return f"{first}.{section}", declared
+
+
+def _holds_sections(statement: ast.stmt) -> bool:
+    """Whether a statement is the class of all inputs of a paper."""
+    return isinstance(statement, ast.ClassDef) and "Inputs" in map(_type_name, statement.bases)
+
+
+def _declared(statement: ast.ClassDef) -> list[ast.AnnAssign]:
+    return [node for node in statement.body if isinstance(node, ast.AnnAssign)]
+
+
 def _digest(definitions: dict[str, list[ast.stmt]], imports: set[str]) -> str:
     texts = [(name, *map(_text, statements)) for name, statements in sorted(definitions.items())]
     return hashlib.sha256(repr((texts, sorted(imports))).encode()).hexdigest()
@@ -354,13 +380,14 @@ def _dotted(node: ast.AST) -> str:
 
 
 def _read(definitions: dict[str, list[ast.stmt]]) -> dict[str, list[str]]:
-    """What is read of parameters in some definitions, by the names of their types; through named tuples too."""
+    """What is read of parameters in some definitions, by the names of their types; through what holds sections too."""
     statements = [(name.partition(":")[2], statement) for name, of in definitions.items() for statement in of]
-    types: dict[str, set[str]] = {}  # of the fields of named tuples
+    types: dict[str, set[str]] = {}  # of the fields of named tuples, and of sections
     for kind, statement in statements:
         for field, of in _fields(statement):
-            types.setdefault(f"{kind}.{field}", set()).add(of)
-    read, pending = {}, {path for _, statement in statements for path in _reads(statement)}
+            types.setdefault(f"{kind.partition('.')[0]}.{field}", set()).add(of)
+    reads = {pair for _, statement in statements for pair in _reads(statement)}
+    read, pending = {}, {f"{kind.rpartition('.')[2]}.{path}" for kind, path in reads}
     while pending:
         kind, attribute, *further = pending.pop().split(".", 2)
         read.setdefault(kind, set()).add(attribute)
@@ -369,8 +396,8 @@ def _read(definitions: dict[str, list[ast.stmt]]) -> dict[str, list[str]]:
 
 
 @cache
-def _reads(statement: ast.stmt) -> set[str]:
-    """What functions in a statement read of their parameters: "Planet.mu", "Setup.planet.mu".
+def _reads(statement: ast.stmt) -> set[tuple[str, str]]:
+    """What functions in a statement read of their parameters: ("Planet", "mu"), ("Inputs", "planet.mu").
 
     A local variable stands for what it is assigned first: after `planet = setup.planet`, which may be one of several in
     a line, `planet.mu` reads `setup.planet.mu`.
@@ -378,11 +405,14 @@ def _reads(statement: ast.stmt) -> set[str]:
     read = set()
     for function in (node for node in ast.walk(statement) if isinstance(node, ast.FunctionDef)):
         arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        types = {parameter.arg: kind for parameter in arguments if (kind := _type_name(parameter.annotation))}
+        types = {one.arg: (kind, "") for one in arguments if (kind := _annotated(one.annotation))}
 
         def typed(node, types=types):
             first, _, rest = _dotted(node).partition(".")
-            return f"{types[first]}.{rest}" if rest and first in types else ""
+            if not rest or first not in types:
+                return None
+            kind, before = types[first]
+            return kind, f"{before}.{rest}" if before else rest
 
         nodes = list(ast.walk(function))
         for target, value in ((node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign)):
@@ -395,14 +425,20 @@ def _reads(statement: ast.stmt) -> set[str]:
 
 
 def _fields(statement: ast.stmt) -> Iterator[tuple[str, str]]:
-    """The fields of a class with the names of their types if it is a named tuple."""
+    """The fields of a named tuple with the names of their types, or that of one section of all inputs."""
+    fields = [statement] if isinstance(statement, ast.AnnAssign) else []
     if isinstance(statement, ast.ClassDef) and "NamedTuple" in map(_type_name, statement.bases):
-        declared = (node for node in statement.body if isinstance(node, ast.AnnAssign))
-        yield from ((node.target.id, _type_name(node.annotation)) for node in declared)
+        fields = _declared(statement)
+    yield from ((field.target.id, _type_name(field.annotation)) for field in fields)
 
 
 def _type_name(annotation: ast.expr | None) -> str:
     """The name of an annotated class, without the module that it stands in; empty for other annotations."""
+    return _annotated(annotation).rpartition(".")[2]
+
+
+def _annotated(annotation: ast.expr | None) -> str:
+    """The text of an annotated class, `a.B` or "B"; empty for other annotations."""
     if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
-        return annotation.value.rpartition(".")[2]
-    return getattr(annotation, "attr", getattr(annotation, "id", ""))
+        return annotation.value
+    return _dotted(annotation)

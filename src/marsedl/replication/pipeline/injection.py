@@ -3,7 +3,7 @@
 There is one rule for all of them. A parameter takes, by its name and annotation,
 
 - what is given beside inputs and records under its name, such as the printed claims `published`;
-- a section of the inputs;
+- a section of the inputs; all of them, of a parameter annotated with the paper's class `Inputs`;
 - what another function of the claims returns, if that is annotated with the class of the parameter;
 - the artifact of its name; `Largest[...]` is that of the case `<name>_large` where there is one.
 
@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
-from marsedl.replication.inputs.sections import Section, by_section
+from marsedl.replication.inputs.sections import Inputs, Section, by_section
 
 LARGE = "_large"  # ends the name of the case of more trials
 _Record = typing.TypeVar("_Record")
@@ -85,6 +85,8 @@ class Arguments:
             return self.call(self.providers[plain])
         if isinstance(plain, type) and issubclass(plain, Section):
             return plain.from_plain(self._sections.get(name, {}))
+        if isinstance(plain, type) and issubclass(plain, Inputs):
+            return plain.from_plain(self.values)
         if _LARGEST in marks and (large := self.artifact(name + LARGE, plain)) is not None:
             return large
         return self.artifact(name, plain)

@@ -7,7 +7,7 @@ from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.claims.measures import OPEN, Laws
 from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.flight_statistics import LEVEL
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Air, Guidance, Inputs, Mission, Vehicle
 from marsedl.papers.random_field.records import LOW_ALTITUDE, VARIANTS, Convergence, Gains, Nominal
 from marsedl.replication.claims.counterexamples import replaced, shifted, spread
 from marsedl.replication.claims.thresholds import CLOSE, NEGLIGIBLE, ROUNDING
@@ -159,14 +159,12 @@ def acap_end_steps_longer(mission: Mission):
 
 
 @claim(errata="E3", counterexample=shifted("convergence.percentile", at=(VARIANTS.index("short_end_steps"),)))
-def acap_short_end_steps_no_benefit(
-    mission: Mission, guidance: Guidance, simulation: Simulation, convergence: Convergence
-):
+def acap_short_end_steps_no_benefit(given: Inputs, convergence: Convergence):
     # After the paper's number of iterations.
     percentile, error = convergence.percentile, convergence.percentile_error
-    chosen = min(int(guidance.iterations), percentile.shape[1] - 1)
+    chosen = min(int(given.guidance.iterations), percentile.shape[1] - 1)
     (long, short), noise = percentile[:, chosen], float(np.hypot(*error[:, chosen]))
-    steps = np.diff(mission.partition)[[0, -1]] / 2
+    steps = np.diff(given.mission.partition)[[0, -1]] / 2
     name = f"{100 * LEVEL:g}th percentile of delta-v"
     return holds(
         measure(
@@ -174,7 +172,7 @@ def acap_short_end_steps_no_benefit(
         )
         < NEGLIGIBLE * (percentile[0, OPEN] - long),
         f"after {chosen} iterations it is {long:.1f} and {short:.1f} m/s",
-        trials=simulation.paper_trials,
+        trials=given.simulation.paper_trials,
     )
 
 

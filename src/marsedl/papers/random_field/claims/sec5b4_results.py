@@ -18,7 +18,7 @@ from marsedl.papers.random_field.claims.measures import (
 from marsedl.papers.random_field.components import DENSITY_VARIATION, DYNAMIC_PRESSURE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL
-from marsedl.papers.random_field.inputs import Guidance, Mission, Planet, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, Inputs, Vehicle
 from marsedl.papers.random_field.records import (
     BRANCHES,
     CAPTURED,
@@ -125,16 +125,16 @@ def acap_lc_useful_surrogate(laws: ClosedLoop):
     errata="E7",
     counterexample=shifted("gains.delta_v_mean"),
 )
-def acap_abs_value_error_source(planet: Planet, mission: Mission, guidance: Guidance, laws: Laws):
+def acap_abs_value_error_source(given: Inputs, laws: Laws):
     # Errors of the predicted means, as they are and with the predicted branch continued.
     gains, ensemble = laws.gains, laws.ensemble
     smooth = np.full(len(laws.number), np.nan)
     for law in laws.number:
-        sign, captured = _branch(mission, guidance, gains, law), ensemble.outcome[law] == CAPTURED
+        sign, captured = _branch(given.mission, given.guidance, gains, law), ensemble.outcome[law] == CAPTURED
         if sign is None or not captured.any():
             continue
-        ends = ensemble.final_state[law, captured, : FLIGHT_PATH_ANGLE + 1] + [planet.planet_radius, 0.0, 0.0]
-        values = orbits.total_delta_v(*ends.T, *targets(planet, mission), branch=sign)
+        ends = ensemble.final_state[law, captured, : FLIGHT_PATH_ANGLE + 1] + [given.planet.planet_radius, 0.0, 0.0]
+        values = orbits.total_delta_v(*ends.T, *targets(given.planet, given.mission), branch=sign)
         smooth[law] = values.mean() - gains.delta_v_mean[law]
     share = 100 * (1.0 - np.abs(smooth).sum() / np.abs(laws.offset).sum())
     return laws.holds(
