@@ -11,7 +11,7 @@ from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import PAPER, environment
 from marsedl.papers.funnels.basics import SPHERES
-from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
+from marsedl.papers.funnels.beyond.programs import fitted, propagate, samples, solver, stage_at
 
 FIGURE = "fig03"
 MINUTE = 60.0  # s, the paper's "approximately one minute"

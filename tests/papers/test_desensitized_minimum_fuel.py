@@ -7,7 +7,8 @@ from scipy.optimize import linprog
 from marsedl.methods.collocation import SOLVED
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, midpoint_responses, midpoint_transitions
-from marsedl.papers.desensitized import entry_problem, minimum_fuel
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.beyond import minimum_fuel
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
 from marsedl.replication.records import store
 from marsedl.replication.units import DEGREE

@@ -6,6 +6,7 @@ from scipy.integrate import quad, solve_ivp
 
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
 from marsedl.papers.funnels import dubins
+from marsedl.papers.funnels.beyond import dubins_study
 from marsedl.replication.errors import SolverError
 
 FLOW, EULER, WIND = range(3)
@@ -32,7 +33,7 @@ def short(inputs_of):
 
 @pytest.fixture(scope="module")
 def study(inputs_of, short):
-    return inputs_of("corrected", **SHORT).call(dubins.dubins_study, short)
+    return inputs_of("corrected", **SHORT).call(dubins_study.compute, short)
 
 
 def generator(seed=3):
@@ -183,7 +184,7 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
 def test_backwards_returns_to_the_start_from_below(short, study):
     assert study.backward_level[-1] == short.level[FLOW, -1]
     assert (study.backward_level <= short.level[FLOW]).all()
-    assert (1.0 - study.backward_level / short.level[FLOW]).max() < 2 * dubins.BACKWARD_TOLERANCE * 10
+    assert (1.0 - study.backward_level / short.level[FLOW]).max() < 2 * dubins_study.BACKWARD_TOLERANCE * 10
 
 
 def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):

@@ -5,7 +5,8 @@ import pytest
 
 from marsedl.methods.funnels.linear import slice_jacobians
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, uniform_directions
-from marsedl.papers.funnels import environment, gains, linear_bounds
+from marsedl.papers.funnels import environment, gains
+from marsedl.papers.funnels.beyond import linear_bounds
 
 
 @pytest.fixture(scope="module")

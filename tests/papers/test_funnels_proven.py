@@ -11,7 +11,8 @@ import pytest
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, greedy_disturbance, uniform_directions
 from marsedl.methods.funnels.stage import FunnelStage
-from marsedl.papers.funnels import environment, proven
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.beyond import proven
 from marsedl.replication.records import store
 
 FIRST, STEPS, LEVEL = 76, 16, 1.2

@@ -12,17 +12,16 @@ import pytest
 
 from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.sampled_program import rank_one
-from marsedl.papers.funnels import (
+from marsedl.papers.funnels import environment, gains
+from marsedl.papers.funnels.basics import SPHERES
+from marsedl.papers.funnels.beyond import (
     coarse_funnels,
-    environment,
     equations_of_motion,
     euler_step,
-    gains,
     programs,
     stage_study,
     stationary,
 )
-from marsedl.papers.funnels.basics import SPHERES
 from marsedl.replication.records import fields
 
 BENCHMARK = 1.163082

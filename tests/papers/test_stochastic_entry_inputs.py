@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.stochastic_entry import environment, nominal, tradeoff
+from marsedl.papers.stochastic_entry import environment, nominal
+from marsedl.papers.stochastic_entry.beyond import tradeoff
 from marsedl.replication.errors import InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.pipeline.injection import Arguments

@@ -8,9 +8,7 @@ from functools import partial
 import numpy as np
 
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
-from marsedl.methods.funnels.linear import linear_exact, slice_jacobians
-from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward, forward
-from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
+from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.variety import Spheres
@@ -18,18 +16,16 @@ from marsedl.methods.sos.verification import verify
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
 from marsedl.papers.funnels.basics import BASIS_DEGREE
+from marsedl.papers.funnels.funnel import solver
 from marsedl.papers.funnels.inputs import Car, Recursion
-from marsedl.papers.funnels.programs import solver
-from marsedl.papers.funnels.records import Dubins, DubinsStudy
+from marsedl.papers.funnels.records import Dubins
 from marsedl.replication.errors import SolverError
 from marsedl.replication.pipeline.catalogue import stage
 
 WIND = 2  # components
 # Funnels: what a stage bounds, and whether there is wind.
 FUNNELS = {"flow": ("flow", False), "euler": ("euler", False), "wind": ("flow", True)}
-PROVEN = ("flow", "wind")  # the others leave out a part of the motion anyway
 CHECK_POINTS = 400  # of every stage: more than the 85 polynomials of degree 4 that are independent on S^2 x S^1
-BACKWARD_TOLERANCE = 1e-6
 
 
 # ---- the car ---------------------------------------------------------------------------------------------------------
@@ -157,60 +153,9 @@ def _propagated(recursion: Recursion, name, loop, first_level, shapes, steps, de
     try:
         return forward(loop, shapes, steps, first_level, design, rule)
     except FunnelError as error:
-        raise _does_not_exist(f"funnel '{name}'", error) from error
+        raise does_not_exist(f"funnel '{name}'", error) from error
 
 
-# ---- what else says the same, and what is proven ---------------------------------------------------------------------
-
-
-@stage()
-def dubins_study(recursion: Recursion, car: Car, dubins: Dubins) -> DubinsStudy:
-    """Compare with levels of linear dynamics and backwards, and prove what can be proven."""
-    proven = [_proven_stages(recursion, car, dubins, name) for name in PROVEN]
-
-    return DubinsStudy(
-        linear_level=np.array([_linear_levels(car, dubins, wind) for _, wind in FUNNELS.values()]),
-        backward_level=_backwards(recursion, car, dubins).rho,
-        proven_funnel=np.array(PROVEN),
-        proven_level=np.array([[car.dubins_level, *(stage.levels[-1] for stage in stages)] for stages in proven]),
-    )
-
-
-def _loop(car: Car, dubins, wind):
-    """The closed loop with or without wind."""
-    return closed_loop(dubins, car.dubins_speed, car.dubins_wind if wind else None)
-
-
-def _linear_levels(car: Car, dubins, wind):
-    transitions, responses, _ = slice_jacobians(_loop(car, dubins, wind), dubins.slice_step)
-    return linear_exact(transitions, responses, dubins.shape[dubins.slice_step], car.dubins_level)
-
-
-def _backwards(recursion: Recursion, car: Car, dubins):
-    """The first funnel, backwards from its last level."""
-    condition, wind = FUNNELS[dubins.funnel[0]]
-    return backward(
-        _loop(car, dubins, wind),
-        dubins.shape[dubins.slice_step],
-        dubins.slice_step,
-        dubins.level[0, -1],
-        well_chosen_design(spheres(wind), recursion.design_seed, BASIS_DEGREE),
-        StageRule(solver=solver(recursion), order=recursion.taylor_order, condition=condition),
-        tolerance=BACKWARD_TOLERANCE,
-    )
-
-
-def _proven_stages(recursion: Recursion, car: Car, dubins, name):
-    """Stages of a funnel, proven for the integrated motion from the whole first slice under any wind of the disc."""
-    _, wind = FUNNELS[name]
-    loop = _loop(car, dubins, wind)
-    design = well_chosen_design(covering_spheres(loop), recursion.design_seed, BASIS_DEGREE)
-    stages = proven_stages(loop, dubins.shape, dubins.slice_step, car.dubins_level, design, recursion.taylor_order)
-    try:
-        return list(stages)
-    except FunnelError as error:
-        raise _does_not_exist(f"proof of funnel '{name}'", error) from error
-
-
-def _does_not_exist(what, error):
+def does_not_exist(what, error):
+    """The error of a funnel or proof that there is none of, and the remedy."""
     return SolverError(f"dubins, {what}: {error}; lower dubins_level or dubins_wind", {})

@@ -10,13 +10,13 @@ from marsedl.methods.funnels.linear import additive_growth, slice_jacobians
 from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward, largest_feedback
 from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
 from marsedl.methods.sos.design import well_chosen_design
+from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
 from marsedl.papers.funnels.environment import Air
 from marsedl.papers.funnels.inputs import Inputs, Recursion, Studies, Vehicle
-from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.records.fields import finite
@@ -102,6 +102,11 @@ def stage_rule(recursion: Recursion):
     """What makes the polynomial of a stage and bounds it."""
     raw_scale = recursion.raw_units if recursion.sampling == "raw" else None
     return StageRule(solver(recursion), recursion.taylor_order, recursion.condition, raw_scale)
+
+
+def solver(recursion: Recursion):
+    """Solver of the programs."""
+    return partial(rank_one, tolerance=recursion.program_tolerance)
 
 
 def true_maximum(recursion: Recursion):

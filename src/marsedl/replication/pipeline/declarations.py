@@ -8,7 +8,8 @@ A function is given the inputs that its code reads: `planet.gravity` or `given.p
 function that it reaches and that takes a parameter annotated as `Planet`, as `Inputs`, or as a named tuple with such a
 field. All of it is read from the source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
 
-A stage has the name of its module if its function is called `compute`, else the function's. In the module `montecarlo`
+A stage has the name of its module if its function is called `compute`, else the function's. Studies beyond what a paper
+prints are in its package `beyond`. In the module `montecarlo`
 the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
 """
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from marsedl.replication.inputs.sections import Inputs, Section
 
 STAGE, PUBLISHED = "stage", "published"
+SKETCHES = "sketches"  # a paper's module of schematic drawings, which its module of figures imports
 _PARTS = {f"{FLIGHTS}:simulate": CHUNK, f"{FLIGHTS}:gather": GATHER}
 OTHERS = ("given", PUBLISHED, "measured", "chunks")  # what functions take beside sections and artifacts
 
@@ -45,7 +47,7 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
 
     Raises InputError if a parameter is not a section, stage or case, or if stages depend on each other in a circle.
     """
-    functions, entries = digests.functions(f"marsedl.papers.{paper.slug}"), stage_entries(paper.slug, digests)
+    functions, entries = _functions(paper.slug, digests), stage_entries(paper.slug, digests)
 
     def taken_of(entry: str) -> Taken:
         if entry not in functions:
@@ -64,7 +66,9 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
     def products_of(kind: str) -> dict[str, Product]:
         products = {}
         for stem, product in getattr(paper, kind).items():
-            inputs, needs, optional, others = taken_of(entry_of(paper.slug, kind, stem))
+            drawing = entry_of(paper.slug, SKETCHES, stem)
+            entry = drawing if drawing in functions else entry_of(paper.slug, kind, stem)
+            inputs, needs, optional, others = taken_of(entry)
             shows_printed = PUBLISHED in others
             products[stem] = replace(product, inputs=inputs, needs=needs, optional=optional, published=shows_printed)
         return products
@@ -78,8 +82,14 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
 
 def stage_entries(slug: str, digests: Fingerprints) -> dict[str, str]:
     """Return the functions of a paper that are stages, by the names of the stages."""
-    functions = digests.functions(f"marsedl.papers.{slug}")
+    functions = _functions(slug, digests)
     return {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
+
+
+def _functions(slug: str, digests: Fingerprints) -> dict[str, dict]:
+    """What the functions of a paper declare, and those of its studies beyond what it prints."""
+    package = f"marsedl.papers.{slug}"
+    return digests.functions(package) | digests.functions(f"{package}.beyond")
 
 
 def taken_by(

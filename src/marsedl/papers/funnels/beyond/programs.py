@@ -3,17 +3,15 @@
 Studies compute with them. A funnel that does not exist has its message, and NaN from where it ends.
 """
 
-from functools import partial
-
 import numpy as np
 
 from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import polynomial_coefficients
-from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
+from marsedl.papers.funnels.funnel import solver
 from marsedl.papers.funnels.inputs import Recursion
 from marsedl.papers.funnels.records import Gains
 
@@ -23,11 +21,6 @@ FIT = 13  # stream of random numbers of the fits, keyed by that of the design
 def samples(recursion: Recursion, spheres=SPHERES, degree=BASIS_DEGREE):
     """Well chosen samples of the slice and the boundary of the disturbances."""
     return well_chosen_design(spheres, recursion.design_seed, degree)
-
-
-def solver(recursion: Recursion):
-    """Solver of the programs as the funnel takes it."""
-    return partial(rank_one, tolerance=recursion.program_tolerance)
 
 
 def stage_at(recursion: Recursion, loop, gains: Gains, number, level, spacing, **options):

@@ -6,8 +6,8 @@ from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, SPHERES
+from marsedl.papers.funnels.beyond.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.inputs import Inputs, Recursion
-from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 

@@ -14,8 +14,8 @@ from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES
+from marsedl.papers.funnels.beyond.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.inputs import Inputs, Recursion
-from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
 from marsedl.replication.pipeline.catalogue import stage
 from marsedl.replication.records.fields import finite

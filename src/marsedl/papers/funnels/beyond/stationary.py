@@ -7,8 +7,8 @@ from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import SLICE, SPHERES
+from marsedl.papers.funnels.beyond.programs import stage_at
 from marsedl.papers.funnels.inputs import Inputs
-from marsedl.papers.funnels.programs import stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, Stationary
 from marsedl.replication.pipeline.catalogue import stage
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.beyond.programs import propagate, samples, stage_at
 from marsedl.papers.funnels.inputs import Inputs, Recursion
-from marsedl.papers.funnels.programs import propagate, samples, stage_at
 from marsedl.papers.funnels.records import EulerStep, Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import stage
 

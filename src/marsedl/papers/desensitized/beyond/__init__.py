@@ -1,0 +1,1 @@
+"""Designs that the paper gives up: beyond what it prints."""

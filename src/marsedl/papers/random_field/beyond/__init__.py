@@ -1,0 +1,1 @@
+"""Checks of the design by other formulations, and how its iteration ends: beyond what the paper prints."""
