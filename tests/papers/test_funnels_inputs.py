@@ -33,7 +33,7 @@ def reading_of(based_on="corrected", **inputs):
 @pytest.mark.parametrize(
     ("inputs", "fragments"),
     [
-        ({"bank_bounds_deg": [105.0, 15.0]}, ["bank_bounds", "wrong way round"]),
+        ({"bank_bounds_deg": [105.0, 15.0]}, ["bank_bounds does not increase", "write the smaller one first"]),
         ({"guess_final_time": 501.0}, ["guess_final_time: 501", "120 to 500"]),
         (
             {"steps_per_slice": 7},

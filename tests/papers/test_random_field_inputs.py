@@ -41,10 +41,10 @@ def refused(**inputs):
         ({"initial_correlations": [0.9, 0.9, -0.9]}, ["initial_correlations", "belong to no covariance"]),
         (
             {"partition": [0.0, 51.2, 400.0]},
-            ["mission.partition", "51.2 is no multiple of simulation.time_step (0.5)"],
+            ["mission.partition", "(51.2) is not a multiple of simulation.time_step (0.5)"],
         ),
         ({"time_step": 1.0e-6, "output_interval": 1.0e-6}, ["time_step", "integration steps, more than 100000"]),
-        ({"control_limits": [1.0, -1.0]}, ["control_limits", "1 and -1", "wrong order"]),
+        ({"control_limits": [1.0, -1.0]}, ["control_limits does not increase: 1, -1"]),
         (
             {"variance_growth_sign": -1, "correlation_length_km": 50.0},
             ["correlation_length", "50000 m makes no covariance"],

@@ -71,7 +71,8 @@ def described(
         at = (number,) if laws else ()
         end = chunk.final_state[(*at, 0)]
         start = dict(zip(_components(state), chunk.kept_history[(*at, 0, 0)], strict=False))
-        lines.append(f"trial {trial.number}{',' * bool(laws)} {law}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
+        under = f", {law}" if laws else f" {law}"
+        lines.append(f"trial {trial.number}{under}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
         for name, value in zip(_components(final) or names, end, strict=True):
             lines.append(
                 f"  {name:36}" + (f"{start[name]:18.12g} -> " if name in start else " " * 22) + f"{value:18.12g}"

@@ -335,7 +335,8 @@ def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff
         # Beside the curve, and inwards at its right end.
         at_end = rows[group[0]] > rows.max() - 0.03 * np.ptp(rows)
         below, end, beside = ((-6, -11), "right"), ((10, 6), "right"), ((6, 4), "left")
-        offset, side = end if at_end else beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
+        along_curve = beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
+        offset, side = end if at_end else along_curve
         text, spot = _joined([names[number] for number in group]), (rows[group[0]], tradeoff.effort[group[0]])
         axes.annotate(text, spot, offset, textcoords="offset points", fontsize=8, ha=side)
     legend_below(figure, [axes], columns=2)
@@ -529,10 +530,13 @@ def _row_names(design: Design, published, tradeoff):
     """Symbol and value by which each row of Table 3 is called: its c1, or its J0 where that is the reading's own."""
     printed = printed_rows(published)
     own = [own_c1(design, printed, printed_weight) for printed_weight in tradeoff.printed_weight]
-    return [
-        ("J_0", f"{effort:.4g}") if c1 is None else ("c_1", r"$\infty$" if np.isinf(c1) else f"{c1:g}")
-        for c1, effort in zip(own, tradeoff.effort, strict=True)
-    ]
+    names = []
+    for c1, effort in zip(own, tradeoff.effort, strict=True):
+        if c1 is None:
+            names.append(("J_0", f"{effort:.4g}"))
+        else:
+            names.append(("c_1", r"$\infty$" if np.isinf(c1) else f"{c1:g}"))
+    return names
 
 
 def _joined(names):

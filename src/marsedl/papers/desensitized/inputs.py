@@ -1,6 +1,5 @@
 """Typed inputs of the desensitized-landing paper; their values and sources are in `configs/desensitized.yaml`."""
 
-from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -19,6 +18,7 @@ from marsedl.replication.inputs.sections import (
     vector,
 )
 from marsedl.sections.air import FittedDensity
+from marsedl.sections.checks import require_increase
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle, Propulsion
@@ -33,11 +33,6 @@ Profile = Annotated[tuple[Number, ...], Field(min_length=1, max_length=20)]
 Switches = Annotated[tuple[Positive, ...], Field(max_length=19)]
 
 GAIN_UNIT = "rad/s^2 per scaled state"
-
-
-def _increases(name, values):
-    if any(later <= earlier for earlier, later in pairwise(values)):
-        raise ValueError(f"{name} does not increase: {', '.join(f'{value:g}' for value in values)}")
 
 
 def _no_zero(name, values):
@@ -84,8 +79,7 @@ class Mission(Section):
 
     @model_validator(mode="after")
     def _goes_down(self):
-        if self.final_time_bounds[0] >= self.final_time_bounds[1]:
-            raise ValueError("final_time_bounds are the wrong way round: write the smaller one first")
+        require_increase("final_time_bounds", self.final_time_bounds)
         if self.final_altitude >= self.entry_altitude:
             raise ValueError("final_altitude is not below entry_altitude: exchange them")
         return self
@@ -117,7 +111,7 @@ class Solver(Section):
                 f"guess_switch_times has {len(self.guess_switch_times)} values for {len(self.guess_banks)} "
                 "guess_banks; give one less than there are banks"
             )
-        _increases("guess_switch_times", self.guess_switch_times)
+        require_increase("guess_switch_times", self.guess_switch_times)
         return self
 
 
@@ -178,7 +172,7 @@ class Design(Section):
     @model_validator(mode="after")
     def _fits_together(self):
         for name in ("printed_weights", "infinite_weights", "weight_path"):
-            _increases(name, getattr(self, name))
+            require_increase(name, getattr(self, name))
         efforts, weights = len(self.matched_efforts), len(self.printed_weights)
         if self.weight_rule == "matched" and efforts != weights:
             raise ValueError(
@@ -228,7 +222,7 @@ class Studies(Section):
 
     @model_validator(mode="after")
     def _rises(self):
-        _increases("low_heights", self.low_heights)
+        require_increase("low_heights", self.low_heights)
         return self
 
 

@@ -155,7 +155,9 @@ def memory(recursion: Recursion, loop, gains: Gains, design):
 
 def described_stages(library_funnel, count):
     """Fields of all stages; NaN, and not sound, are those that the funnel does not reach."""
-    checks = () if library_funnel is None else library_funnel.verifications
+    checks, status = [], []
+    if library_funnel is not None:
+        checks, status = library_funnel.verifications, list(library_funnel.status)
 
     def of_funnel(name, fill=np.nan):
         return _padded([] if library_funnel is None else getattr(library_funnel, name), count, fill)
@@ -169,9 +171,7 @@ def described_stages(library_funnel, count):
         **{name: of_funnel(name) for name in ("growth", "true_maximum", "violation")},
         **{name: of_funnel(name) / bound for name in ("gap", "residual")},
         "iterations": of_funnel("iterations", 0),
-        "status": np.array(
-            [*(() if library_funnel is None else library_funnel.status), *["not solved"] * count][:count]
-        ),
+        "status": np.array([*status, *["not solved"] * (count - len(status))]),
         "stage_sound": of_checks("sound", False),
         **{name: of_checks(name) for name in ("identity_error", "least_value", "least_eigenvalue", "rounding_margin")},
     }

@@ -19,6 +19,7 @@ from marsedl.replication.inputs.sections import (
     vector,
 )
 from marsedl.sections.air import MeanDensity
+from marsedl.sections.checks import require_increase, require_inside, require_multiples
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle
@@ -39,33 +40,6 @@ Share = Annotated[float, Strict(), Field(ge=0, lt=1)]  # of the flight
 Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
 
 
-def _check_bounds(name, bounds):
-    if bounds[0] >= bounds[1]:
-        raise ValueError(f"{name} are the wrong way round: write the smaller one first")
-
-
-def _check_inside(name, value, bounds):
-    if not bounds[0] <= value <= bounds[1]:
-        raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
-
-
-def _check_multiple(name, steps, per_name, per):
-    if steps % per:
-        raise ValueError(
-            f"{name} ({steps}) is not a multiple of {per_name} ({per}); give {_list(_nearest_divisors(steps, per))}"
-        )
-
-
-def _nearest_divisors(steps, per):
-    """The divisors of a number of steps on both sides of a number that is none."""
-    divisors = [number for number in range(1, steps + 1) if steps % number == 0]
-    return [*[number for number in divisors if number < per][-1:], *[number for number in divisors if number > per][:1]]
-
-
-def _list(numbers):
-    return " or ".join(f"{number}" for number in numbers)
-
-
 class Planet(CentralBody, MeanDensity):
     """The planet and its air, whose mean density is one exponential: ln rho = a + b h."""
 
@@ -81,7 +55,7 @@ class Planet(CentralBody, MeanDensity):
 
     @model_validator(mode="after")
     def _window(self):
-        _check_bounds("density_window", self.density_window)
+        require_increase("density_window", self.density_window)
         return self
 
 
@@ -121,8 +95,8 @@ class Mission(Section):
 
     @model_validator(mode="after")
     def _limits(self):
-        _check_bounds("final_velocity_bounds", self.final_velocity_bounds)
-        _check_bounds("bank_bounds", self.bank_bounds)
+        require_increase("final_velocity_bounds", self.final_velocity_bounds)
+        require_increase("bank_bounds", self.bank_bounds)
         if self.final_altitude >= self.entry_altitude:
             raise ValueError("final_altitude is not below entry_altitude: exchange them")
         if self.least_velocity > self.final_velocity_bounds[0]:
@@ -160,8 +134,8 @@ class Guidance(Section):
 
     @model_validator(mode="after")
     def _final_times(self):
-        _check_bounds("final_time_bounds", self.final_time_bounds)
-        _check_inside("guess_final_time", self.guess_final_time, self.final_time_bounds)
+        require_increase("final_time_bounds", self.final_time_bounds)
+        require_inside("guess_final_time", self.guess_final_time, self.final_time_bounds)
         return self
 
 
@@ -263,9 +237,8 @@ class Car(Section):
 
     @model_validator(mode="after")
     def _slices(self):
-        _check_multiple(
-            "dubins_fine_steps", self.dubins_fine_steps, "dubins_steps_per_slice", self.dubins_steps_per_slice
-        )
+        steps = (self.dubins_fine_steps,)
+        require_multiples("dubins_fine_steps", steps, "dubins_steps_per_slice", self.dubins_steps_per_slice)
         return self
 
 
@@ -302,12 +275,13 @@ class Studies(Section):
 
 def check_banks(mission: Mission, guidance: Guidance) -> None:
     """Refuse a guess of the bank angle that lies outside of its bounds."""
-    _check_inside("guidance.guess_bank", guidance.guess_bank, mission.bank_bounds)
+    require_inside("guidance.guess_bank", guidance.guess_bank, mission.bank_bounds)
 
 
 def check_steps(guidance: Guidance, recursion: Recursion) -> None:
     """Refuse stages that do not consist of whole fine steps."""
-    _check_multiple("guidance.fine_steps", guidance.fine_steps, "recursion.steps_per_slice", recursion.steps_per_slice)
+    steps = (guidance.fine_steps,)
+    require_multiples("guidance.fine_steps", steps, "recursion.steps_per_slice", recursion.steps_per_slice)
 
 
 def check_slice(guidance: Guidance, recursion: Recursion, studies: Studies) -> None:

@@ -109,8 +109,8 @@ def fig03(drawing: Drawing, gains: Gains, closed_loop: FlightEnsemble, open_loop
     for name, title in (("both", "closed and open loop"), ("closed", "closed loop")):
         panels[name].set_aspect("equal", adjustable="datalim")
         panels[name].set_title(title)
-    for name in ("closed", "switch"):
-        panels[name].set(**{"ylabel" if name == "closed" else "xlabel": ""})
+    panels["closed"].set_ylabel("")
+    panels["switch"].set_xlabel("")
     zero(panels["both"], linewidth=0.8)
     sigma = drawing.ellipse_sigma
     size = f"{sigma:g}-sigma ellipses ({100 * probability_inside(sigma):.1f} %)"

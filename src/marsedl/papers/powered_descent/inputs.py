@@ -22,6 +22,7 @@ from marsedl.replication.inputs.sections import (
     given,
     vector,
 )
+from marsedl.sections.checks import require_at_most, require_increase
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.vehicle import Propulsion
 
@@ -157,9 +158,7 @@ def check_steps(mission: Mission, design: Design, simulation: Simulation) -> Non
             raise ValueError(
                 f"{name} ({step:g} s) is longer than a segment ({min(mission.segment_durations):g} s): lower it"
             )
-        count = max(mission.segment_durations) / step
-        if count > LARGEST_STEP_COUNT:
-            raise ValueError(f"{name} makes {count:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}: raise it")
+        require_at_most(name, max(mission.segment_durations) / step, "steps in a segment", LARGEST_STEP_COUNT)
     for duration in mission.segment_durations:
         # Between stored states, which divide the segment evenly, lie equal steps: others than asked for if none fits.
         interval = duration / np.ceil(duration / simulation.output_interval - FIT)
@@ -224,10 +223,8 @@ def check_thrust_unit(planet: Planet, vehicle: Vehicle, noise: Noise) -> None:
 
 def check_studies(studies: Studies) -> None:
     """Refuse ranges that are none."""
-    ranges = {"density_range": studies.density_range, "critical_density_range": studies.critical_density_range}
-    for name, (lowest, highest) in ranges.items():
-        if lowest >= highest:
-            raise ValueError(f"studies.{name} must increase, but is from {lowest:g} to {highest:g}: exchange them")
+    require_increase("studies.density_range", studies.density_range)
+    require_increase("studies.critical_density_range", studies.critical_density_range)
 
 
 class Inputs(sections.Inputs):

@@ -1,6 +1,5 @@
 """Typed inputs of the random-field paper; their values and sources are in `configs/random_field.yaml`."""
 
-import math
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -22,12 +21,14 @@ from marsedl.replication.inputs.sections import (
     vector,
 )
 from marsedl.sections.air import DensityVariance, MeanDensity
+from marsedl.sections.checks import require_at_most, require_increase, require_inside, require_multiples
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle
 
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
+STEPS = "integration steps"
 
 Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201), *ARRAY]
 Examples = Annotated[tuple[Number, ...], Field(min_length=1, max_length=100), *ARRAY]
@@ -38,31 +39,11 @@ Correlation = Annotated[float, Strict(), Field(gt=-1, lt=1)]
 SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix that counts as positive definite
 
 
-def _require_multiples(name, values, unit_name, unit):
-    for value in values:
-        ratio = value / unit
-        fits = math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-9
-        if not fits or (value and not round(ratio)):  # a value far below the unit is next to none of it
-            raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
-
-
-def _require_order(name, bounds):
-    lower, upper = bounds
-    if not lower < upper:
-        raise ValueError(f"{name}: {lower:g} and {upper:g} stand in the wrong order")
-
-
-def _require_steps(name, steps):
-    if steps > LARGEST_STEP_COUNT:
-        raise ValueError(f"{name}: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}: raise it")
-
-
 def _require_nodes(name, bounds, spacing):
     lowest, highest = bounds
     if not highest - lowest >= spacing:
         raise ValueError(f"{name}: {spacing:g} does not fit between {lowest:g} and {highest:g}")
-    if (highest - lowest) / spacing > LARGEST_NODE_COUNT:
-        raise ValueError(f"{name}: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes: raise it")
+    require_at_most(name, (highest - lowest) / spacing, "nodes", LARGEST_NODE_COUNT)
 
 
 class Planet(CentralBody):
@@ -122,8 +103,8 @@ class Vehicle(EntryVehicle):
 
     @model_validator(mode="after")
     def _consistent(self):
-        _require_order("entry_angle_bracket", self.entry_angle_bracket)
-        _require_order("control_limits", self.control_limits)
+        require_increase("entry_angle_bracket", self.entry_angle_bracket)
+        require_increase("control_limits", self.control_limits)
         if not np.linalg.eigvalsh(correlation_matrix(self.initial_correlations)).min() > SMALLEST_EIGENVALUE:
             raise ValueError(
                 f"initial_correlations: {', '.join(f'{value:g}' for value in self.initial_correlations)} belong to no "
@@ -261,9 +242,9 @@ class PointMass(Section):
         step = self.double_integrator_time_step
         if fault := partition_fault(nodes, nodes[-1]):
             raise ValueError(f"double_integrator_partition: {fault}")
-        _require_multiples("double_integrator_partition", nodes, "double_integrator_output_interval", output)
-        _require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
-        _require_steps("double_integrator_time_step", nodes[-1] / step)
+        require_multiples("double_integrator_partition", nodes, "double_integrator_output_interval", output)
+        require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
+        require_at_most("double_integrator_time_step", nodes[-1] / step, STEPS, LARGEST_STEP_COUNT)
         positions, spacing = self.double_integrator_field_positions, self.double_integrator_field_interval
         _require_nodes("double_integrator_field_interval", positions, spacing)
         return self
@@ -283,7 +264,7 @@ class Drawing(Section):
 
     @model_validator(mode="after")
     def _consistent(self):
-        _require_order("delta_v_window", self.delta_v_window)
+        require_increase("delta_v_window", self.delta_v_window)
         if len(self.example_positions) != len(self.example_values):
             raise ValueError("example_values: must be as many as example_positions")
         return self
@@ -300,19 +281,15 @@ def correlation_matrix(correlations) -> np.ndarray:
 def check_times(mission: Mission, simulation: Simulation) -> None:
     """Refuse partitions whose times are no whole numbers of integration steps, and too many steps."""
     step = simulation.time_step
-    _require_steps("simulation.time_step", mission.final_time / step)
-    _require_multiples("mission.final_time", (mission.final_time,), "simulation.time_step", step)
-    _require_multiples("mission.partition", mission.partition, "simulation.time_step", step)
+    require_at_most("simulation.time_step", mission.final_time / step, STEPS, LARGEST_STEP_COUNT)
+    require_multiples("mission.final_time", (mission.final_time,), "simulation.time_step", step)
+    require_multiples("mission.partition", mission.partition, "simulation.time_step", step)
 
 
 def check_guess(vehicle: Vehicle, guidance: Guidance) -> None:
     """Refuse a first nominal control beyond the limits."""
-    lower, upper = vehicle.control_limits
-    if not lower <= guidance.initial_control <= upper:
-        raise ValueError(
-            f"guidance.initial_control: {guidance.initial_control:g} lies beyond vehicle.control_limits, {lower:g} to "
-            f"{upper:g}"
-        )
+    limits = "vehicle.control_limits"
+    require_inside("guidance.initial_control", guidance.initial_control, vehicle.control_limits, limits)
 
 
 class Inputs(sections.Inputs):

@@ -392,8 +392,9 @@ RANGE_BY_ADVICE, RANGE_BY_TIME, HEADING = 0.0, 1.0, 2.0  # phases: which functio
 
 def phase(sensed, memory, law, p) -> float:
     """Heading alignment from its velocity on, for ever; range control before."""
-    aligning = memory.aligning > 0.0 or sensed.velocity <= p.alignment_velocity
-    return HEADING if aligning else (RANGE_BY_TIME if law.kind == BY_TIME else RANGE_BY_ADVICE)
+    if memory.aligning > 0.0 or sensed.velocity <= p.alignment_velocity:
+        return HEADING
+    return RANGE_BY_TIME if law.kind == BY_TIME else RANGE_BY_ADVICE
 
 
 def interrupts(state, memory, law, p) -> bool:
@@ -419,7 +420,8 @@ def _flown(command, cosine, direction, aligning, reversals, cycle, share, memory
     limited = rate_limited_bank(command, memory.bank, largest_change)
     as_printed = rate_limited_bank_as_printed(command, memory.command, largest_change)
     first = cycle == 0 and share == 0.0
-    bank = command if first else (as_printed if p.limit_as_printed else limited)
+    reached = as_printed if p.limit_as_printed else limited
+    bank = command if first else reached
     change = 0.0 if first else abs(bank - memory.bank)
     remembered = Memory(direction, command, cosine, bank, change, aligning, 1.0 - share, reversals)
     return Bank(*sine_cosine(bank)), remembered

@@ -3,7 +3,6 @@
 import math
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from marsedl.replication.inputs import sections
@@ -21,6 +20,7 @@ from marsedl.replication.inputs.sections import (
     vector,
 )
 from marsedl.sections.air import DensityVariance, MeanDensity
+from marsedl.sections.checks import require_increase
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle
@@ -117,10 +117,10 @@ class Guidance(Section):
 
     @model_validator(mode="after")
     def _in_order(self):
-        for earlier, later in (("deadband_times", 1), ("ramp_velocities", -1)):
-            first, second = getattr(self, earlier)
-            if (second - first) * later <= 0:
-                raise ValueError(f"{earlier}: {first:g} and {second:g} stand in the wrong order")
+        require_increase("deadband_times", self.deadband_times)
+        first, second = self.ramp_velocities
+        if first <= second:
+            raise ValueError(f"ramp_velocities: {first:g} and {second:g} stand in the wrong order")
         return self
 
 
@@ -152,8 +152,7 @@ class Design(Section):
 
     @model_validator(mode="after")
     def _study_ascends(self):
-        if not (np.diff(self.altitude_limit_study) > 0).all():
-            raise ValueError("altitude_limit_study: its values must ascend, as the study compares neighbours")
+        require_increase("altitude_limit_study", self.altitude_limit_study)  # as the study compares neighbours
         return self
 
 
