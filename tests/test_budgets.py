@@ -13,19 +13,20 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_278,
-    "src/marsedl/papers": 9_956,
+    "src/marsedl": 25_296,  # 25 of them check inputs for all papers, in sections
+    "src/marsedl/papers": 9_931,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
     "src/marsedl/montecarlo": 1_447,
     "src/marsedl/fly": 912,
-    "src/marsedl/replication": 6_203,  # the explorer of universes took the place of 45 statements of papers
+    # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed.
+    "src/marsedl/replication": 6_223,
 }
-LINES = 38_692  # of tests
+LINES = 38_717  # of tests; 25 more than before are about slices of all inputs
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
-    "figures.py": 23.6,
+    "figures.py": 21.6,
 }  # of a claim (errors of the value), a table, a figure
 JOBS = 208  # of `snakemake all`
 

@@ -16,24 +16,18 @@ SHORT = {"dubins_duration": 0.8, "dubins_fine_steps": 80}
 
 
 @pytest.fixture(scope="module")
-def inputs_of(funnels):
-    """Inputs of a reading, some of them changed."""
-    return funnels.inputs
-
-
-@pytest.fixture(scope="module")
 def car(funnels):
     return funnels.dubins()
 
 
 @pytest.fixture(scope="module")
-def short(inputs_of):
-    return inputs_of("corrected", **SHORT).call(dubins.compute)
+def short(funnels):
+    return funnels.inputs("corrected", **SHORT).call(dubins.compute)
 
 
 @pytest.fixture(scope="module")
-def study(inputs_of, short):
-    return inputs_of("corrected", **SHORT).call(dubins_study.compute, short)
+def study(funnels, short):
+    return funnels.inputs("corrected", **SHORT).call(dubins_study.compute, short)
 
 
 def generator(seed=3):
@@ -43,9 +37,9 @@ def generator(seed=3):
 # ---- the path and the loop -------------------------------------------------------------------------------------------
 
 
-def test_levels_do_not_depend_on_where_the_path_begins(inputs_of, short):
+def test_levels_do_not_depend_on_where_the_path_begins(funnels, short):
     """Moved and turned, the path is the same, and so are weights that are equal in x and y: rho stays."""
-    moved = inputs_of("corrected", **SHORT, dubins_start=np.array([2.0, -1.0, 0.7])).call(dubins.compute)
+    moved = funnels.inputs("corrected", **SHORT, dubins_start=np.array([2.0, -1.0, 0.7])).call(dubins.compute)
     cos, sin = np.cos(0.7), np.sin(0.7)
     expected = short.state[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + [2.0, -1.0]
     np.testing.assert_allclose(moved.state[:, :2], expected, atol=1e-12)
@@ -161,9 +155,9 @@ def test_flights_stay_inside_and_come_near(car, number, wind):
     assert 0.75 < largest[-1] / level[-1] < 0.9
 
 
-def test_a_funnel_that_does_not_exist_says_so(inputs_of):
+def test_a_funnel_that_does_not_exist_says_so(funnels):
     with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
-        inputs_of("corrected", **SHORT, dubins_level=1e9).call(dubins.compute)
+        funnels.inputs("corrected", **SHORT, dubins_level=1e9).call(dubins.compute)
 
 
 # ---- the study -------------------------------------------------------------------------------------------------------

@@ -10,14 +10,8 @@ from marsedl.papers.funnels.beyond import linear_bounds
 
 
 @pytest.fixture(scope="module")
-def inputs_of(funnels):
-    """Inputs of a reading, some of them changed."""
-    return funnels.inputs
-
-
-@pytest.fixture(scope="module")
-def inputs(inputs_of):
-    return inputs_of("corrected")
+def inputs(funnels):
+    return funnels.inputs("corrected")
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +86,8 @@ def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, des
         assert values.max() < bounds.exact_level[k + 1]
 
 
-def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
-    inputs_with_shape = inputs_of("minkowski_shape")
+def test_own_shape_starts_and_stays_at_level_one(reference, funnels):
+    inputs_with_shape = funnels.inputs("minkowski_shape")
     laws = inputs_with_shape.call(gains.compute, reference)
     bounds = inputs_with_shape.call(linear_bounds.compute, reference, laws)
     assert bounds.exact_level[0] == pytest.approx(1.0, rel=1e-12) and bounds.exact_level.max() <= 1 + 1e-9

@@ -110,62 +110,15 @@ def test_inputs_are_what_a_stage_and_its_helpers_read(read):
     assert stages["nominal"].entries == ("marsedl.papers.toy.nominal:compute",)
 
 
-TUPLES = {"setup": "Setup", "study": "Study", "other": "Other"}  # parameters with their types
-SETUP = """
-    from typing import NamedTuple
-
-    class Setup(NamedTuple):
-        planet: Planet
-        ensemble: "Ensemble"
-
-    class Study(NamedTuple):
-        setup: Setup
-
-    class Other(NamedTuple):
-        planet: int
-"""
-
-
-@pytest.mark.parametrize(
-    ("body", "inputs"),
-    [
-        ("setup.planet.gravity", ("planet.gravity",)),
-        ("setup.planet.gravity, setup.ensemble.seed", ("ensemble.seed", "planet.gravity")),
-        ("helpers.fall(setup.planet, 3.0)", ("planet.gravity",)),
-        ("helpers.fall(setup.planet, setup.ensemble.seed)", ("ensemble.seed", "planet.gravity")),
-        ("setup.planet", ()),
-        ("planet = setup.planet; planet.gravity", ("planet.gravity",)),
-        ("a, b = setup.ensemble, setup.planet; b.radius, a.seed", ("ensemble.seed", "planet.radius")),
-        ("[lambda: setup.planet.radius]", ("planet.radius",)),
-        ("study.setup.planet.radius", ("planet.radius",)),
-        ("setup = study.setup; mars = setup.planet; mars.radius", ("planet.radius",)),
-        ("other.planet.gravity", ()),
-        ("setup.planet.radius.real", ("planet.radius",)),
-    ],
-)
-def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs):
-    *assigned, last = body.split("; ")
-    parameters = ", ".join(f"{name}: {kind}" for name, kind in TUPLES.items() if f"{name} =" not in body)
-    helper = "".join(f"    {line}\n" for line in (*assigned, f"return {last}"))
-    stage = "from marsedl.papers.toy import helpers\nfrom marsedl.papers.toy.setups import Other, Setup, Study\n"
-    stage += "from marsedl.replication.pipeline.catalogue import stage\n"
-    stage += f"def helper({parameters}):\n{helper}"
-    stage += '@stage()\ndef compute(planet: Planet, ensemble: Ensemble):\n    """Study."""\n'
-    stage += "    return helper(Setup(planet, ensemble))\n"
-    assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
-
-
 INPUTS = """
     from marsedl.replication.inputs import sections
-    from marsedl.replication.inputs.sections import given
 
     class Planet:
-        gravity: float = given("m/s^2", "gravity")
-        radius: float = given("m", "radius")
+        gravity = given("m/s^2", "gravity")
+        radius = given("m", "radius")
 
     class Ensemble:
-        seed: int = given("1", "seed")
-        trials: int = given("1", "trials")
+        seed = given("1", "seed")
 
     def check(planet: Planet, ensemble: Ensemble):
         return planet.radius > ensemble.trials
@@ -195,8 +148,12 @@ def asking_for_all(read, body, inputs=INPUTS):
         ("given.planet.gravity", ("planet.gravity",)),
         ("given.planet.gravity, given.ensemble.seed", ("ensemble.seed", "planet.gravity")),
         ("helpers.fall(given.planet, 3.0)", ("planet.gravity",)),
+        ("helpers.fall(given.planet, given.ensemble.seed)", ("ensemble.seed", "planet.gravity")),
         ("given.planet", ()),
+        ("planet = given.planet; planet.gravity", ("planet.gravity",)),
         ("a, b = given.ensemble, given.planet; b.radius, a.seed", ("ensemble.seed", "planet.radius")),
+        ("[lambda: given.planet.radius]", ("planet.radius",)),
+        ("given.planet.radius.real", ("planet.radius",)),
     ],
 )
 def test_of_all_inputs_a_stage_is_given_those_that_are_read(read, body, inputs):

@@ -56,8 +56,8 @@ class Flights:
     energy: np.ndarray = fields.quantity("J", ("trial",), "energy")
 
 
-def nominal(vehicle: Vehicle) -> Nominal:
-    return Nominal(np.array([abs(vehicle.speed)]))
+def nominal(given: ToyInputs) -> Nominal:
+    return Nominal(np.array([abs(given.vehicle.speed)]))
 
 
 def gains(vehicle: Vehicle, nominal: Nominal) -> Gains:
@@ -152,24 +152,16 @@ def test_records_are_those_that_a_job_would_load(run, tmp_path):
         record.speed[0] = 1.0
 
 
-def test_an_input_that_a_stage_was_not_given_is_an_error(run, monkeypatch):
-    def heavy(vehicle: Vehicle) -> Nominal:
-        return Nominal(np.array([vehicle.mass]))
+def heavy(vehicle: Vehicle) -> Nominal:
+    return Nominal(np.array([vehicle.mass]))
 
-    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", heavy)
-    with pytest.raises(AttributeError, match=r"'mass' was not given: .* reads as 'vehicle\.mass'"):
+
+def coloured(given: ToyInputs) -> Nominal:
+    return Nominal(np.array([len(given.drawing.colour)]))
+
+
+@pytest.mark.parametrize(("stage", "read"), [(heavy, "vehicle.mass"), (coloured, "drawing.colour")])
+def test_an_input_that_a_stage_was_not_given_is_an_error(run, monkeypatch, stage, read):
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", stage)
+    with pytest.raises(AttributeError, match=rf"'{read.split('.')[1]}' was not given: .* reads as '{read}'"):
         run().record("nominal")
-
-
-def test_a_stage_that_asks_for_all_inputs_is_given_its_slice(run, monkeypatch):
-    def of_all(given: ToyInputs) -> Nominal:
-        return Nominal(np.array([abs(given.vehicle.speed)]))
-
-    def coloured(given: ToyInputs) -> Nominal:
-        return Nominal(np.array([len(given.drawing.colour)]))
-
-    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", of_all)
-    assert run().record("nominal").speed == [3.0]
-    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", coloured)
-    with pytest.raises(AttributeError, match=r"'colour' was not given: .* reads as 'drawing\.colour'"):
-        run(speed=5.0).record("nominal")

@@ -178,11 +178,10 @@ def gain_vector(planet: Planet, design: Design, scaled_gain):
 
 def desensitized(given: Inputs, perturbations, gains=False) -> Desensitized:
     """The problem with columns of the sensitivity among its states, per unit of the perturbations (Eq. 5)."""
-    planet, design = given.planet, given.design
-    scale = state_scale(planet, design) / planet.planet_radius
+    scale = state_scale(given.planet, given.design) / given.planet.planet_radius
     feedback = tuple(
         Gain("bank_acceleration", name, 1.0 / unit)
-        for name, unit in zip(MEASURED, state_scale(planet, design), strict=False)
+        for name, unit in zip(MEASURED, state_scale(given.planet, given.design), strict=False)
         if gains
     )
     return Desensitized(

@@ -55,13 +55,12 @@ def position_rows(planet: Planet):
 @stage()
 def compute(given: Inputs, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
     """Linearise about the nominal, and propagate the position columns along it and along the rows of Table 3."""
-    planet = given.planet
-    columns, rows = position_columns(planet), position_rows(planet)
-    linear = model(planet, given.vehicle, given.solver.scheme, entry_problem.of_nominal(nominal))
+    columns, rows = position_columns(given.planet), position_rows(given.planet)
+    linear = model(given.planet, given.vehicle, given.solver.scheme, entry_problem.of_nominal(nominal))
     steps = transitions(linear)
     final = []
     for row in entry_problem.of_rows(tradeoff):
-        of_row = transitions(model(planet, given.vehicle, given.solver.scheme, row))
+        of_row = transitions(model(given.planet, given.vehicle, given.solver.scheme, row))
         final.append(rows @ propagate_columns(of_row, columns)[-1])
     return Linearization(
         scheme=given.solver.scheme,

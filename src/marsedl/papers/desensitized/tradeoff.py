@@ -211,7 +211,6 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
 
 def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
     """Path, folds and rows, each with its printed weight, as an artifact."""
-    planet, design = given.planet, given.design
     path = [point.solution for point in points]
     printed_weights, solutions = [c1 for c1, _ in rows], [row.solution for _, row in rows]
 
@@ -222,11 +221,11 @@ def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
         return entry_problem.cumulative(solution.time, solution.controls[:, 0])
 
     def errors(solution):
-        return final_error(planet, given.simulation, extended, solution)
+        return final_error(given.planet, given.simulation, extended, solution)
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
-    size, missing = len(STATES), ~np.isin(design.printed_weights, printed_weights)
+    size, missing = len(STATES), ~np.isin(given.design.printed_weights, printed_weights)
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
@@ -238,8 +237,8 @@ def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
         printed_weight=np.array(printed_weights),
-        missing_weight=np.array(design.printed_weights)[missing],
-        missing_effort=row_efforts(design, effort(path[0]))[missing] if missing.any() else np.array([]),
+        missing_weight=np.array(given.design.printed_weights)[missing],
+        missing_effort=row_efforts(given.design, effort(path[0]))[missing] if missing.any() else np.array([]),
         weight=np.array([s.given["weight"] for s in solutions]),
         time=np.array([s.time for s in solutions]),
         state=np.array([s.states[:, :size] for s in solutions]),
@@ -253,7 +252,7 @@ def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
         row_branch=np.array([row.branch for _, row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in solutions]),
-        miss=np.array([entry_problem.miss(planet, given.mission, resimulate(s)[-1]) for s in solutions]),
+        miss=np.array([entry_problem.miss(given.planet, given.mission, resimulate(s)[-1]) for s in solutions]),
         status=np.array([s.status for s in solutions]),
         iterations=np.array([s.iterations for s in solutions]),
         solves=len(points) + len(rows),

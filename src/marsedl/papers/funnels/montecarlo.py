@@ -25,10 +25,11 @@ def simulate(given: Inputs, linearization: Linearization, gains: Gains, funnel: 
     The case is "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
     `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
     """
-    ensemble = given.ensemble
     setting = flight.entry_setting(given, linearization, gains, funnel)
-    draws = flight.Draws(ensemble.seed, flown.case, ensemble.redraw_steps, ensemble.adversarial_directions)
-    return _reduced(setting, draws, flown, ensemble.drawn_trials)
+    draws = flight.Draws(
+        given.ensemble.seed, flown.case, given.ensemble.redraw_steps, given.ensemble.adversarial_directions
+    )
+    return _reduced(setting, draws, flown, given.ensemble.drawn_trials)
 
 
 @stage()

@@ -121,15 +121,16 @@ def search(given: Inputs, limits: Limits, intervals, guesses):
     Returns:
         List with a `Solution` for every start, or the error with which it ended.
     """
-    guidance = given.guidance
-    declared = problem(given, guidance.final_time_bounds, limits)
-    program = Program(declared, intervals, guidance.scheme)
+    declared = problem(given, given.guidance.final_time_bounds, limits)
+    program = Program(declared, intervals, given.guidance.scheme)
     ends = []
     for bank, final_time in guesses:
         try:
             guess = constant_bank(given.mission, program.problem, intervals, bank, final_time)
             ends.append(
-                program.solve(guess, tolerance=guidance.nominal_tolerance, iterations=guidance.nominal_iterations)
+                program.solve(
+                    guess, tolerance=given.guidance.nominal_tolerance, iterations=given.guidance.nominal_iterations
+                )
             )
         except RuntimeError as error:  # a guess that cannot be flown, or a solve that does not converge
             ends.append(error)
@@ -230,10 +231,11 @@ def best(given: Inputs, limits: Limits) -> Solution:
 @stage()
 def compute(given: Inputs) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
-    planet = given.planet
-    TableExits(planet).count(np.array(planet.density_window)).say("density_window, over which the density is fitted")
+    TableExits(given.planet).count(np.array(given.planet.density_window)).say(
+        "density_window, over which the density is fitted"
+    )
     limits = limits_of(given)
-    return described(planet, given.vehicle, best(given, limits), limits)
+    return described(given.planet, given.vehicle, best(given, limits), limits)
 
 
 def distinct(ends):

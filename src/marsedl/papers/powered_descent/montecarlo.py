@@ -27,12 +27,13 @@ def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> 
     "wide_switch" (the second segment begins with too wide a scatter), with the suffix "_large" for the large ensembles,
     which fly the same trials and more. All cases start from the same states and meet the same noise.
     """
-    ensemble = given.ensemble
-    thrust_edges = np.linspace(0.0, ensemble.thrust_range * given.vehicle.maximum_thrust, ensemble.thrust_bins + 1)
+    thrust_edges = np.linspace(
+        0.0, given.ensemble.thrust_range * given.vehicle.maximum_thrust, given.ensemble.thrust_bins + 1
+    )
     reduced = flown_chunk(
         block_simulator(given, nominal, gains, flown.case),
         flown,
-        drawn=ensemble.drawn_trials,
+        drawn=given.ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
     )
     return FlightChunk(**reduced)

@@ -77,21 +77,20 @@ class Plant(NamedTuple):
 
 def settings(given: Inputs, tables) -> Settings:
     """The constants of an aerocapture by name."""
-    vehicle = given.vehicle
-    drag_factor = 0.5 / vehicle.ballistic_coefficient
+    drag_factor = 0.5 / given.vehicle.ballistic_coefficient
     return Settings(
         gravitational_parameter=given.planet.gravitational_parameter,
         planet_radius=given.planet.planet_radius,
         drag_factor=drag_factor,
-        lift_factor=vehicle.lift_to_drag * drag_factor,
+        lift_factor=given.vehicle.lift_to_drag * drag_factor,
         bottom=tables.bottom,
         cells_per_metre=1.0 / tables.spacing,
         field_bottom=tables.altitude[0],
         nodes_per_metre=_nodes_per_unit(tables.altitude),
         density_floor=given.air.density_floor,
         variation_mean=tables.mean,
-        lower_limit=vehicle.control_limits[0],
-        upper_limit=vehicle.control_limits[1],
+        lower_limit=given.vehicle.control_limits[0],
+        upper_limit=given.vehicle.control_limits[1],
         actual_density=int(given.simulation.dynamic_pressure_density == "actual"),
     )
 

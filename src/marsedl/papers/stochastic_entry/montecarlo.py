@@ -53,9 +53,8 @@ def simulate(
 
 def block_simulator(given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, case: str) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    mission, guidance = given.mission, given.guidance
     plant = flight.plant_of(given)
-    control_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
+    control_law, end = law(given.guidance, linearization, gains, case), end_of(given.mission, nominal, case)
     return simulator_of(plant, control_law, end, given.simulation)
 
 

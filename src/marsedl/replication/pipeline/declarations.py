@@ -5,8 +5,8 @@ A stage is a function with the decorator `stage`. It takes sections of the paper
 tables, which may take the printed claims as `published` as well. Keyword-only parameters are options of the job.
 
 A function is given the inputs that its code reads: `planet.gravity` or `given.planet.gravity` in itself, or in a
-function that it reaches and that takes a parameter annotated as `Planet`, as `Inputs`, or as a named tuple with such a
-field. All of it is read from the source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
+function that it reaches and that takes a parameter annotated as `Planet`, or as `Inputs`. All of it is read from the
+source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
 
 A stage has the name of its module if its function is called `compute`, else the function's. Studies beyond what a paper
 prints are in its package `beyond`. In the module `montecarlo`

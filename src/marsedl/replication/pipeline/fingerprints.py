@@ -97,9 +97,8 @@ class Fingerprints:
     def reads(self, entry: str) -> dict[str, list[str]]:
         """Sorted attributes that this code reads of parameters, by the names of their types.
 
-        Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples, and the
-        sections of all inputs, are followed: of `given: Inputs`, `given.planet.mu` reads `mu` of the class that
-        `Inputs` annotates `planet` with.
+        Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Sections of all inputs are
+        followed: of `given: Inputs`, `given.planet.mu` reads `mu` of the class that `Inputs` annotates `planet` with.
         """
         return self._facts(entry)[2]
 
@@ -310,21 +309,12 @@ _text = cache(ast.dump)  # a statement without comments, docstrings and position
 def _definition(module: Module, symbol: str) -> tuple[str, list[ast.stmt]]:
     """What a dotted name defines, by its own name; of all inputs of a paper, the section that follows it alone."""
     first, _, rest = symbol.partition(".")
-    statements = module.definitions.get(first, [])
-    if not any(map(_holds_sections, statements)):
+    statements, section = module.definitions.get(first, []), rest.partition(".")[0]
+    classes = [s for s in statements if isinstance(s, ast.ClassDef) and "Inputs" in map(_type_name, s.bases)]
+    if not classes:
         return first, statements
-    section = rest.partition(".")[0]
-    declared = [field for statement in statements for field in _declared(statement) if field.target.id == section]
-    return f"{first}.{section}", declared
-
-
-def _holds_sections(statement: ast.stmt) -> bool:
-    """Whether a statement is the class of all inputs of a paper."""
-    return isinstance(statement, ast.ClassDef) and "Inputs" in map(_type_name, statement.bases)
-
-
-def _declared(statement: ast.ClassDef) -> list[ast.AnnAssign]:
-    return [node for node in statement.body if isinstance(node, ast.AnnAssign)]
+    fields = (field for one in classes for field in one.body if isinstance(field, ast.AnnAssign))
+    return f"{first}.{section}", [field for field in fields if field.target.id == section]
 
 
 def _digest(definitions: dict[str, list[ast.stmt]], imports: set[str]) -> str:
@@ -380,18 +370,17 @@ def _dotted(node: ast.AST) -> str:
 
 
 def _read(definitions: dict[str, list[ast.stmt]]) -> dict[str, list[str]]:
-    """What is read of parameters in some definitions, by the names of their types; through what holds sections too."""
-    statements = [(name.partition(":")[2], statement) for name, of in definitions.items() for statement in of]
-    types: dict[str, set[str]] = {}  # of the fields of named tuples, and of sections
-    for kind, statement in statements:
-        for field, of in _fields(statement):
-            types.setdefault(f"{kind.partition('.')[0]}.{field}", set()).add(of)
-    reads = {pair for _, statement in statements for pair in _reads(statement)}
-    read, pending = {}, {f"{kind.rpartition('.')[2]}.{path}" for kind, path in reads}
-    while pending:
-        kind, attribute, *further = pending.pop().split(".", 2)
-        read.setdefault(kind, set()).add(attribute)
-        pending |= {f"{of}.{rest}" for rest in further for of in types.get(f"{kind}.{attribute}", ())}
+    """What is read of parameters in some definitions, by the names of their types; of all inputs, by section."""
+    read, sections = {}, {}  # the sections of all inputs, such as "Inputs.planet", with the names of their classes
+    for name, of in definitions.items():
+        for field in (statement for statement in of if isinstance(statement, ast.AnnAssign)):
+            sections.setdefault(name.partition(":")[2], set()).add(_type_name(field.annotation))
+    for kind, path in {pair for of in definitions.values() for statement in of for pair in _reads(statement)}:
+        first, *further = path.split(".")
+        name = kind.rpartition(".")[2]
+        read.setdefault(name, set()).add(first)
+        for section in sections.get(f"{name}.{first}", ()) if further else ():
+            read.setdefault(section, set()).add(further[0])
     return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
 
 
@@ -399,8 +388,8 @@ def _read(definitions: dict[str, list[ast.stmt]]) -> dict[str, list[str]]:
 def _reads(statement: ast.stmt) -> set[tuple[str, str]]:
     """What functions in a statement read of their parameters: ("Planet", "mu"), ("Inputs", "planet.mu").
 
-    A local variable stands for what it is assigned first: after `planet = setup.planet`, which may be one of several in
-    a line, `planet.mu` reads `setup.planet.mu`.
+    A local variable stands for what it is assigned first: after `planet = given.planet`, which may be one of several in
+    a line, `planet.mu` reads `given.planet.mu`.
     """
     read = set()
     for function in (node for node in ast.walk(statement) if isinstance(node, ast.FunctionDef)):
@@ -422,14 +411,6 @@ def _reads(statement: ast.stmt) -> set[tuple[str, str]]:
                     types.setdefault(name.id, path)
         read.update(filter(None, map(typed, nodes)))
     return read
-
-
-def _fields(statement: ast.stmt) -> Iterator[tuple[str, str]]:
-    """The fields of a named tuple with the names of their types, or that of one section of all inputs."""
-    fields = [statement] if isinstance(statement, ast.AnnAssign) else []
-    if isinstance(statement, ast.ClassDef) and "NamedTuple" in map(_type_name, statement.bases):
-        fields = _declared(statement)
-    yield from ((field.target.id, _type_name(field.annotation)) for field in fields)
 
 
 def _type_name(annotation: ast.expr | None) -> str:

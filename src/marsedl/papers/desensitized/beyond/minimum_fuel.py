@@ -43,18 +43,17 @@ def compute(given: Inputs, nominal: Nominal) -> MinimumFuel:
 
 def under_bound(given: Inputs, nominal: Nominal, bound):
     """The fields of one bound."""
-    vehicle, solver = given.vehicle, given.solver
     transcribed = fuel_program(given, nominal, bound)
-    first = attempt(solver, transcribed, split(nominal), share(0.0), barrier=WARM)
-    way = to_fuel(solver, given.design, transcribed, first)
+    first = attempt(given.solver, transcribed, split(nominal), share(0.0), barrier=WARM)
+    way = to_fuel(given.solver, given.design, transcribed, first)
     reached = way.last.status == SOLVED and way.last.given["weight"] == 1.0
-    beside = attempt(solver, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
+    beside = attempt(given.solver, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
     solutions = (first, way.last, beside)
     solved = (first.status == SOLVED, reached, reached and beside.status == SOLVED)
     status = [solution.status for solution in solutions]
     if first.status == SOLVED and not reached:
         status[1:] = [f"stopped at a share of {way.last.given['weight']:.4g}"] * 2
-    fields = [described(vehicle, bound, *pair) for pair in zip(solutions, solved, strict=True)]
+    fields = [described(given.vehicle, bound, *pair) for pair in zip(solutions, solved, strict=True)]
     function = np.where(reached, -way.last.costates[:, BANK_RATE] * DEGREE, np.nan)
     return {
         "status": status,

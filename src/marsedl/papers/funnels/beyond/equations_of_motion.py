@@ -15,17 +15,16 @@ COMPLEX_STEP = 1e-30
 @stage()
 def compute(given: Inputs) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
-    planet = given.planet
     generator = np.random.Generator(np.random.Philox((given.recursion.design_seed, STATES)))
     low = np.array([0.0, -3.0, -1.2, 400.0, -1.2, -3.0, -3.0])
     high = np.array([given.mission.entry_altitude, 3.0, 1.2, given.mission.entry_velocity, 1.2, 3.0, 3.0])
     *state, bank = generator.uniform(low, high, (RANDOM_STATES, len(low))).T
-    air = environment.undisturbed_air(planet)
+    air = environment.undisturbed_air(given.planet)
     still = (0.0,) * environment.DISTURBANCES
-    rates = np.array(environment.entry_rates(planet, given.vehicle, air)(None, state, (bank,), still))
+    rates = np.array(environment.entry_rates(given.planet, given.vehicle, air)(None, state, (bank,), still))
     displaced = np.array(state) + 1j * COMPLEX_STEP * rates
-    position, velocity = inertial(planet, 1j * COMPLEX_STEP, displaced)
-    expected = acceleration(planet, given.vehicle, position.real, velocity.real, state[0], bank)
+    position, velocity = inertial(given.planet, 1j * COMPLEX_STEP, displaced)
+    expected = acceleration(given.planet, given.vehicle, position.real, velocity.real, state[0], bank)
 
     def deviation(rate, truth):
         return float((np.linalg.norm(rate - truth, axis=0) / np.linalg.norm(truth, axis=0)).max())

@@ -17,7 +17,6 @@ ON_GROUND = slice(1, 3)  # longitude and latitude among the states
 @stage()
 def compute(given: Inputs, linearization: Linearization, gains: Gains) -> OpenLoop:
     """Fly the starts and disturbances of the case "constant" without feedback, and take linear motion both ways."""
-    ensemble = given.ensemble
     loops = [
         environment.disturbed_loop(given, linearization, half_gain)
         for half_gain in (np.zeros_like(gains.half_gain), gains.half_gain)
@@ -30,18 +29,18 @@ def compute(given: Inputs, linearization: Linearization, gains: Gains) -> OpenLo
         observed=OBSERVED[:2],
         additive=environment.additive_amplitudes(given.planet, given.uncertainty),
     )
-    simulate_block = flight.simulator(setting, flight.Draws(ensemble.seed))
+    simulate_block = flight.simulator(setting, flight.Draws(given.ensemble.seed))
     deviations = np.hstack(
         [
-            simulate_block(first, min(first + ensembles.BLOCK_SIZE, ensemble.trials)).final_state[ON_GROUND]
-            for first in range(0, ensemble.trials, ensembles.BLOCK_SIZE)
+            simulate_block(first, min(first + ensembles.BLOCK_SIZE, given.ensemble.trials)).final_state[ON_GROUND]
+            for first in range(0, given.ensemble.trials, ensembles.BLOCK_SIZE)
         ]
     )
     finite = np.isfinite(deviations).all(axis=0)
     on_ground = np.abs(deviations[:, finite]) * given.planet.planet_radius
     parts = [on_ground[:, np.flatnonzero(finite) % REPEATS == repeat] for repeat in range(REPEATS)]
     return OpenLoop(
-        trials=ensemble.trials,
+        trials=given.ensemble.trials,
         lost=int(np.count_nonzero(~finite)),
         flown_half_width=_farthest(on_ground),
         repeat_half_width=np.array([_farthest(part) for part in parts]),

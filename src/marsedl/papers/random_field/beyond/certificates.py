@@ -30,7 +30,6 @@ def compute(given: Inputs, nominal: Nominal, linearization: Linearization) -> Ce
 
     Raises MarsedlError if the reading's design was refused, or a solver fails.
     """
-    simulation = given.simulation
     if linearization.refused:
         raise MarsedlError(f"there is no design to certify: {linearization.refused}")
     motion = motion_of(given)
@@ -52,11 +51,11 @@ def compute(given: Inputs, nominal: Nominal, linearization: Linearization) -> Ce
         history_gain_difference=float(np.abs(innovations.gain - history.gain)[:, 1:].max()),
         other_objective=other.objective,
         other_solver=other.solver,
-        samples=simulation.paper_trials,
+        samples=given.simulation.paper_trials,
         **_identities(posed.system, innovations),
-        **_separation(simulation, system, innovations),
-        convexity=_convexity(given.guidance, simulation, posed, innovations),
-        **_sampled(given.air, simulation, model),
+        **_separation(given.simulation, system, innovations),
+        convexity=_convexity(given.guidance, given.simulation, posed, innovations),
+        **_sampled(given.air, given.simulation, model),
         **_dependence(posed.system),
     )
 

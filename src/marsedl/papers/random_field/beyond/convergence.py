@@ -16,16 +16,17 @@ from marsedl.replication.pipeline.catalogue import Flown, stage
 @stage(claimed_in=("corrected",))
 def compute(given: Inputs, nominal: Nominal) -> Convergence:
     """Run both variants for the study's number of iterations, and fly all of their laws as often as the paper."""
-    mission = given.mission
     longer = given.guidance.model_copy(update={"iterations": given.studies.convergence_iterations})
     rows = []
-    halved = tuple(with_halved_end_steps(mission.partition, given.simulation.time_step))
-    for variant, nodes in zip(VARIANTS, (mission.partition, halved), strict=True):
-        on_nodes = mission.model_copy(update={"partition": nodes})
+    halved = tuple(with_halved_end_steps(given.mission.partition, given.simulation.time_step))
+    for variant, nodes in zip(VARIANTS, (given.mission.partition, halved), strict=True):
+        on_nodes = given.mission.model_copy(update={"partition": nodes})
         varied = given.model_copy(update={"guidance": longer, "mission": on_nodes})
         laws = _design(varied, nominal)
         flown = Flown("aerocapture", given.simulation.paper_trials, ensembles.BLOCK_SIZE)
-        trials = montecarlo.gather(given.planet, mission, [montecarlo.simulate(varied, nominal, laws, flown=flown)])
+        trials = montecarlo.gather(
+            given.planet, given.mission, [montecarlo.simulate(varied, nominal, laws, flown=flown)]
+        )
         percentile, error = zip(*(delta_v_percentile(trials, law) for law in range(len(trials.delta_v))), strict=True)
         change = np.abs(np.diff(laws.control, axis=0)).max(axis=1)
         rows.append(
