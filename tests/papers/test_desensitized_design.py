@@ -441,7 +441,7 @@ def test_tuned_gains_fly_better_than_the_least(desensitized):
     inputs = desensitized.stage_inputs("feedback_tuned", "gains", gain_iterations=6)
     nominal, channel = desensitized.nominal(), "downrange"
     plain = design.Law(nominal.time, nominal.state, nominal.bank_acceleration)
-    tuned = design.channel_gains(inputs.call(design.Tuning), desensitized.linearization(), plain, channel)
+    tuned = inputs.call(design.channel_gains, desensitized.linearization(), plain, channel)
     simulate = inputs.call(design.simulated_errors, design.reference(plain), CHANNELS.index(channel))
     before = desensitized.gains().scaled_gain[2 + CHANNELS.index(channel)]
     assert np.linalg.norm(simulate(tuned.k)) < 0.75 * np.linalg.norm(simulate(before))
@@ -506,8 +506,7 @@ def test_regularised_gains_trade_the_column_against_their_size(desensitized):
     inputs = desensitized.stage_inputs("corrected", "gains", gain_design="regularized")
     linear, nominal = desensitized.linearization(), desensitized.nominal()
     plain = design.Law(nominal.time, nominal.state, nominal.bank_acceleration)
-    tuning = inputs.call(design.Tuning)
-    regularised = design.channel_gains(tuning, linear, plain, "radius")
+    regularised = inputs.call(design.channel_gains, linear, plain, "radius")
     least = inputs.call(design.least_gains, linear, "radius")
     assert np.linalg.norm(regularised.k) < np.linalg.norm(least.k)
     assert 0.0 < np.linalg.norm(regularised.errors) < 0.1 * np.linalg.norm(linear.final[0, :, 0])
