@@ -1,10 +1,12 @@
-# The stages of all papers. A Monte Carlo case is one job, or one for each of its chunks and one that gathers them; cases of
+# The stages of all papers. A Monte Carlo case is one job, or one for each of its chunks and one that joins them; cases of
 # few trials are flown together, in one job of a reading.
 
 
 rule artifact:
     input:
-        unpack(inputs("data/cache/{paper}/{reading}/{name}.h5")),
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/{name}.h5"),
+        chunks=chunks_of_flights,
+        rerun=if_stale("data/cache/{paper}/{reading}/{name}.h5"),
     output:
         "data/cache/{paper}/{reading}/{name}.h5",
     log:
@@ -12,7 +14,7 @@ rule artifact:
     benchmark:
         "benchmarks/{paper}/{reading}/{name}.tsv"
     wildcard_constraints:
-        paper=f"(?!{'|'.join([SCATTERED, *(flights(*flown) for flown in TOGETHER)])})[^/]+",
+        paper=f"(?!{FLOWN_TOGETHER or '(?!)'})[^/]+",
     priority: priority("{name}", SHOWN)
     conda:
         "../envs/marsedl.yaml"
@@ -24,7 +26,8 @@ rule artifact:
 
 rule chunk:
     input:
-        unpack(inputs("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5")),
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
+        rerun=if_stale("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     output:
         temp("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     log:
@@ -35,27 +38,7 @@ rule chunk:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged(CHUNK, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
-    script:
-        "../scripts/stage.py"
-
-
-rule gather:
-    input:
-        unpack(inputs("data/cache/{paper}/{reading}/montecarlo.{case}.h5")),
-        chunks=chunks,
-    output:
-        "data/cache/{paper}/{reading}/montecarlo.{case}.h5",
-    log:
-        "logs/{paper}/{reading}/montecarlo.{case}.log",
-    benchmark:
-        "benchmarks/{paper}/{reading}/montecarlo.{case}.tsv"
-    wildcard_constraints:
-        paper=f"(?={SCATTERED})[^/]+",
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=staged(GATHER, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     script:
         "../scripts/stage.py"
 
@@ -68,7 +51,8 @@ for _number, (_paper, _cases, _readings) in enumerate(TOGETHER):
         name:
             f"{_paper}_flights_{_number}"
         input:
-            unpack(inputs(*_flown)),
+            artifacts=artifacts_of(_flown[0]),
+            rerun=if_stale(*_flown),
         output:
             _flown,
         log:

@@ -2,6 +2,10 @@
 # computed in one process each and gathered in a table, from which claims are judged and pictures drawn.
 
 
+# Which a reading may name.
+DENSITY_TABLES = [source(path) for path in sorted(Path(ROOT).glob("data/atmosphere/*.csv"))]
+
+
 rule multiverse:
     input:
         expand("report/universes/waves/{paper}.h5", paper=PAPERS),
@@ -9,7 +13,12 @@ rule multiverse:
 
 rule points:
     input:
-        unpack(inputs("report/points/{paper}.json")),
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        rerun=if_stale("report/points/{paper}.json"),
     output:
         "report/points/{paper}.json",
     log:
@@ -21,7 +30,7 @@ rule points:
         "../envs/marsedl.yaml"
     params:
         made=made("report/points/{paper}.json"),
-        project=source("."),
+        project=in_project("."),
     script:
         "../scripts/points.py"
 
@@ -29,7 +38,13 @@ rule points:
 # Those of a build, or the `whole` design with which a new run begins.
 rule universes_chunk:
     input:
-        unpack(inputs("report/universes/{whole}{paper}.h5", files=False)),
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        committed=files_of("report/universes/{whole}{paper}.h5"),
+        rerun=if_stale("report/universes/{whole}{paper}.h5"),
     output:
         temp("report/universes/{whole}{paper}.{chunk}of{chunks}.h5"),
     log:
@@ -41,15 +56,16 @@ rule universes_chunk:
         "../envs/marsedl.yaml"
     params:
         made=made("report/universes/{whole}{paper}.h5", recorded=False),
-        project=source("."),
+        project=in_project("."),
     script:
         "../scripts/universes_chunk.py"
 
 
 rule universes:
     input:
-        unpack(inputs("report/universes/{whole}{paper}.h5")),
-        chunks=universe_chunks,
+        chunks=chunks_of_universes,
+        committed=files_of("report/universes/{whole}{paper}.h5"),
+        rerun=if_stale("report/universes/{whole}{paper}.h5"),
     output:
         "report/universes/{whole}{paper}.h5",
     log:
@@ -66,8 +82,12 @@ rule universes:
 
 rule waves:
     input:
-        unpack(inputs("report/universes/waves/{paper}.h5", files=False)),
         table="report/universes/whole/{paper}.h5",
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
     output:
         "report/universes/waves/{paper}.h5",
     log:
@@ -78,7 +98,7 @@ rule waves:
         "../envs/marsedl.yaml"
     params:
         made=made("report/universes/waves/{paper}.h5", recorded=False),
-        project=source("."),
+        project=in_project("."),
     script:
         "../scripts/waves.py"
 
@@ -90,9 +110,14 @@ for _paper in PAPERS:
         name:
             f"{_paper}_what_decides"
         input:
-            unpack(inputs("report/universes/{paper}.json")),
             table="report/universes/{paper}.h5",
             claims="report/claims/{paper}.json",
+            committed=files_of("report/universes/{paper}.json"),
+            configuration=source("configs/{paper}.yaml"),
+            frozen=source("data/reference/inputs.json"),
+            published=source("data/published/{paper}.yaml"),
+            tables=DENSITY_TABLES,
+            rerun=if_stale("report/universes/{paper}.json"),
         output:
             decided="report/universes/{paper}.json",
             judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
@@ -108,6 +133,6 @@ for _paper in PAPERS:
             "../envs/marsedl.yaml"
         params:
             made=made("report/universes/{paper}.json"),
-            project=source("."),
+            project=in_project("."),
         script:
             "../scripts/what_decides.py"

@@ -7,7 +7,7 @@ from marsedl.replication.universes.table import Universes, changed, gathered
 
 with guarded(snakemake) as job:
     table = gathered([store.load(path, Universes, paper=job.paper) for path in snakemake.input.chunks])
-    for path in snakemake.input.files:
+    for path in snakemake.input.committed:
         if moved := changed(store.load(path, Universes, paper=job.paper), table):
             differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
             raise MarsedlError(f"{path} is not what this project computes: {differing}; run 'snakemake multiverse'")

@@ -29,8 +29,8 @@ from marsedl.replication.inputs.readings import Reading, Study, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
+from marsedl.replication.pipeline.products import BENCHMARKS
 from marsedl.replication.pipeline.runner import Memory, Run
-from marsedl.replication.pipeline.staleness import BENCHMARKS
 from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantities, quantity, record
 from marsedl.replication.sizes import FULL
