@@ -199,7 +199,7 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(projec
     project.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
     plan = project.edited()
     assert plan.papers == {slug, *edit.get("shared_with", ())}
-    assert plan.stages(slug) == {name for name in edit["rerun"] if not name.startswith("montecarlo_")}
+    assert plan.stages(slug) == {*edit["rerun"]}
     assert plan.kinds(slug) >= {"figure", *JUDGED}
     assert plan.kinds() >= {"comparison", *CLAIMS}
 

@@ -6,7 +6,7 @@ import sys
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS
+from marsedl.replication.pipeline.catalogue import FLIGHTS
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies

@@ -155,11 +155,9 @@ def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs
     assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
 
 
-def test_a_whole_case_is_its_chunk_gathered(read):
+def test_what_flies_a_case_and_joins_its_chunks_is_one_stage(read):
     stages = read().stages
     assert next(iter(stages)) == "nominal"
-    assert stages["montecarlo_chunk"].inputs == ("ensemble.seed",)
-    assert stages["montecarlo_gather"].inputs == ("planet.gravity",)
     assert stages["montecarlo"].inputs == ("ensemble.seed", "planet.gravity")
     assert stages["montecarlo"].entries == tuple(f"marsedl.papers.toy.montecarlo:{f}" for f in ("simulate", "gather"))
 

@@ -42,8 +42,6 @@ PAPER = Paper(
         "other": Stage((), (), (), "what reads nothing"),
         "study": Stage((), (), ("nominal",), "study", claimed_in=("corrected",)),
         "montecarlo": Stage((), (), ("gains",), "flights"),
-        "montecarlo_chunk": Stage((), (), ("gains",), "flights of a chunk"),
-        "montecarlo_gather": Stage((), (), (), "chunks joined"),
     },
 )
 

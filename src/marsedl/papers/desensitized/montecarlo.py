@@ -8,7 +8,8 @@ from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
-from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
+from marsedl.papers.desensitized.records import FlightEnsemble, Gains
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -21,7 +22,7 @@ OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are n
 @stage()
 def simulate(
     planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, flown: Flown
-) -> FlightChunk:
+) -> Chunk:
     """Fly one chunk of the trials under every law."""
     bound = vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
@@ -29,9 +30,7 @@ def simulate(
         block_simulator(planet, vehicle, simulation, ensemble, flown_law(gains, number))
         for number in range(len(gains.law))
     ]
-    return FlightChunk(
-        **flown_chunk(simulators, flown, drawn=ensemble.drawn_trials, exits=TableExits(planet), histogram_edges=edges)
-    )
+    return flown_chunk(simulators, flown, drawn=ensemble.drawn_trials, exits=TableExits(planet), histogram_edges=edges)
 
 
 def block_simulator(planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, law):
@@ -55,7 +54,7 @@ def output_step(intervals):
 
 @stage()
 def gather(
-    planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains, chunks: list[FlightChunk]
+    planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains, chunks: list[Chunk]
 ) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
     step = output_step(gains.bank_acceleration.shape[1])
@@ -65,7 +64,7 @@ def gather(
         start = reference.initial_state[np.newaxis]
         trajectories = flight.fly(*air, reference, gain, start, substeps=simulation.substeps, every=step)
         nominals.append(trajectories.history[:, :, 0])
-    nominal, merged = np.array(nominals), joined(chunks)
+    nominal, merged = np.array(nominals), joined(FlightEnsemble, chunks)
     ends = np.where(merged["outcome"][:, :, np.newaxis] == COMPLETED, merged["final_state"], np.nan)
     return FlightEnsemble(
         law=gains.law,
@@ -76,6 +75,6 @@ def gather(
     )
 
 
-def replay(gains: Gains, chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(gains: Gains, chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again under every law."""
-    return described(chunk, trial, OUTCOMES, laws=[f"law {name}" for name in gains.law])
+    return described(FlightEnsemble, chunk, trial, OUTCOMES, laws=[f"law {name}" for name in gains.law])

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import (
@@ -18,7 +19,6 @@ from marsedl.papers.powered_descent.inputs import (
     Vehicle,
 )
 from marsedl.papers.powered_descent.records import (
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Nominal,
@@ -53,7 +53,7 @@ def simulate(
     gains: Gains,
     *,
     flown: Flown,
-) -> FlightChunk:
+) -> Chunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is "closed_loop", "open_loop", "prior_mass" (the plant flies the mass that the design assumes) or
@@ -62,13 +62,12 @@ def simulate(
     """
     flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
     thrust_edges = np.linspace(0.0, ensemble.thrust_range * vehicle.maximum_thrust, ensemble.thrust_bins + 1)
-    reduced = flown_chunk(
+    return flown_chunk(
         block_simulator(flights, nominal, gains, flown.case),
         flown,
         drawn=ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
     )
-    return FlightChunk(**reduced)
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
@@ -104,9 +103,9 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str)
 
 
 @stage()
-def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(mission: Mission, simulation: Simulation, chunks: list[Chunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = joined(chunks)
+    merged = joined(FlightEnsemble, chunks)
     outputs = [
         np.linspace(0.0, duration, flight.step_count(duration, np.inf, simulation.output_interval)[0] + 1)
         for duration in mission.segment_durations
@@ -115,6 +114,7 @@ def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) 
     return FlightEnsemble(time=time, segment=segment, **merged)
 
 
-def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again."""
-    return described(chunk, trial, {COMPLETED: "completed", CRASHED: "below the ground", NON_FINITE: "not finite"})
+    outcomes = {COMPLETED: "completed", CRASHED: "below the ground", NON_FINITE: "not finite"}
+    return described(FlightEnsemble, chunk, trial, outcomes)

@@ -31,7 +31,8 @@ def compute(
         flights = montecarlo.Flights(planet, air, vehicle, mission.model_copy(update={"partition": nodes}), simulation)
         laws = _design(flights, guidance, nominal)
         flown = Flown("aerocapture", simulation.paper_trials, ensembles.BLOCK_SIZE)
-        trials = montecarlo.gather(planet, mission, [montecarlo.simulate(*flights, nominal, laws, flown=flown)])
+        chunk = montecarlo.simulate(*flights, nominal, laws, flown=flown)
+        trials = montecarlo.gather(planet, flights.mission, simulation, [chunk])
         percentile, error = zip(*(delta_v_percentile(trials, law) for law in range(len(trials.delta_v))), strict=True)
         change = np.abs(np.diff(laws.control, axis=0)).max(axis=1)
         rows.append(

@@ -9,6 +9,7 @@ from marsedl.models import orbits, random_field
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.density import TableExits
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
@@ -19,7 +20,6 @@ from marsedl.papers.random_field.records import (
     CAPTURED,
     NOT_EXITED,
     OUTCOMES,
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Nominal,
@@ -50,16 +50,13 @@ def simulate(
     gains: Gains,
     *,
     flown: Flown,
-) -> FlightChunk:
+) -> Chunk:
     """Fly one chunk of the trials under every law."""
     flights = Flights(planet, air, vehicle, mission, simulation)
     lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
     simulators = [block_simulator(flights, nominal, gains, number) for number in range(len(gains.control))]
-    reduced = flown_chunk(
-        simulators, flown, drawn=simulation.drawn_trials, exits=TableExits(air), histogram_edges=edges
-    )
-    return FlightChunk(time=output_times(mission, simulation), **reduced)
+    return flown_chunk(simulators, flown, drawn=simulation.drawn_trials, exits=TableExits(air), histogram_edges=edges)
 
 
 def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1):
@@ -105,11 +102,11 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1)
 
 
 @stage()
-def gather(planet: Planet, mission: Mission, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(planet: Planet, mission: Mission, simulation: Simulation, chunks: list[Chunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and compute apoapsis and delta-v of every trial."""
-    merged = joined(chunks)
+    merged = joined(FlightEnsemble, chunks)
     apoapsis, delta_v = burns(planet, mission, merged["final_state"], merged["outcome"])
-    return FlightEnsemble(time=chunks[0].time, apoapsis=apoapsis, delta_v=delta_v, **merged)
+    return FlightEnsemble(time=output_times(mission, simulation), apoapsis=apoapsis, delta_v=delta_v, **merged)
 
 
 def burns(planet: Planet, mission: Mission, final_state, outcome):
@@ -125,9 +122,9 @@ def burns(planet: Planet, mission: Mission, final_state, outcome):
     return apoapsis, delta_v
 
 
-def replay(planet: Planet, mission: Mission, chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(planet: Planet, mission: Mission, chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again under every law."""
     laws = ["open loop", *(f"law of iteration {number}" for number in range(1, len(chunk.outcome)))]
     delta_v = burns(planet, mission, chunk.final_state, chunk.outcome)[1]
     further = [{"delta-v (m/s)": one} for one in delta_v[:, 0]]
-    return described(chunk, trial, OUTCOMES, laws=laws, further=further)
+    return described(FlightEnsemble, chunk, trial, OUTCOMES, laws=laws, further=further)

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.papers.density import TableExits
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
 from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     OUTCOMES,
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Linearization,
@@ -54,23 +54,20 @@ def simulate(
     gains: Gains,
     *,
     flown: Flown,
-) -> FlightChunk:
+) -> Chunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is law and trigger, such as "apollo_velocity".
     """
     flights = Flights(planet, air, vehicle, mission, guidance, simulation)
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
-    reduced = flown_chunk(
+    return flown_chunk(
         block_simulator(flights, nominal, linearization, gains, flown.case),
         flown,
         drawn=simulation.drawn_trials,
         exits=TableExits(air),
         histogram_edges=np.array([edges, edges]),
     )
-    end = end_of(mission, nominal, flown.case)
-    time = flight.schedule(end.time, guidance.guidance_period, end.trigger).times
-    return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 
 def block_simulator(
@@ -109,10 +106,13 @@ def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
 
 
 @stage()
-def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(
+    mission: Mission, guidance: Guidance, nominal: Nominal, chunks: list[Chunk], *, flown: Flown
+) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = joined(chunks)
-    return FlightEnsemble(time=chunks[0].time, nominal_final=chunks[0].nominal_final, **merged)
+    end = end_of(mission, nominal, flown.case)
+    time = flight.schedule(end.time, guidance.guidance_period, end.trigger).times
+    return FlightEnsemble(time=time, nominal_final=nominal_final(nominal), **joined(FlightEnsemble, chunks))
 
 
 def nominal_final(nominal):
@@ -121,6 +121,6 @@ def nominal_final(nominal):
     return np.array([getattr(nominal, name)[-1] for name in names])
 
 
-def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again."""
-    return described(chunk, trial, OUTCOMES)
+    return described(FlightEnsemble, chunk, trial, OUTCOMES)

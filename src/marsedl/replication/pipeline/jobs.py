@@ -64,14 +64,13 @@ class Job:
         from marsedl.replication.records import store
         from marsedl.replication.records.recipes import recipe_digest
 
-        joins_chunks = bool(self.input.get("chunks"))
         for path, recipe in zip(self.output, self.made["recipes"], strict=True):
-            entries, flown = self.made["entries"], recipe["options"]
-            if "chunk" in flown:  # flies it
+            entries, options = self.made["entries"], recipe["options"]
+            if "chunk" in options:
                 entries = entries[:1]
-            elif joins_chunks:
-                entries, flown = entries[1:], None
-            artifact = computed(entries, self.given(recipe["inputs"]), flown)
+            elif self.input.get("chunks"):
+                entries = entries[1:]
+            artifact = computed(entries, self.given(recipe["inputs"]), options)
             provenance = {"recipe": recipe_digest(recipe), "size": self.made["size"]}
             store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 

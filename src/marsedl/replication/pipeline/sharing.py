@@ -10,7 +10,7 @@ from functools import cache, cached_property
 
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import Study
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, Paper, whole_case
+from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, whole_case
 from marsedl.replication.records.recipes import recipe_digest
 
 ARTIFACTS = "data/cache/"
@@ -72,7 +72,7 @@ class Shared:
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
         own = reading in self.study.own_readings
-        stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
+        stages = {name: stage for name, stage in self.paper.stages.items() if name != FLIGHTS}
         names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
         names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
         return {name: self.file(reading, name) for name in names}
@@ -121,5 +121,5 @@ class Shared:
         if name.startswith("chunks/"):  # the case, and which chunk of how many
             chunk, _, count = part.partition("of")
             options = whole_case(stage, self._flown[reading][stage], self.paper)
-            return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}
+            return FLIGHTS, options | {"chunk": int(chunk), "chunks": int(count)}
         return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}

@@ -52,7 +52,7 @@ def _files(products: Products) -> set[str]:
     files = {*products.compared()}
     for slug, paper in products.papers.items():
         files |= {f"report/claims/{slug}.json", *products.shown(slug)}
-        stages = [stage for stage in paper.stages if not stage.startswith(FLIGHTS)]
+        stages = [stage for stage in paper.stages if stage != FLIGHTS]
         for name, reading in products.studies[slug].readings.items():
             artifacts = [*stages, *(f"{FLIGHTS}.{case}" for case in reading.trial_counts())]
             files.update(artifact_path(slug, name, artifact) for artifact in artifacts)
