@@ -67,7 +67,7 @@ wildcard_constraints:
     reading="[a-z0-9_]+",
     # The folder of a reading's figures and tables; those of the default reading stand above it.
     place="([a-z0-9_]+/)?",
-    name=r"[a-z0-9_]+(\.[a-z_]+)?",
+    stage="[a-z0-9_]+",
     case="[a-z_]+",
     whole="(whole/)?",
     chunk=r"0|[1-9]\d*",
@@ -150,7 +150,7 @@ def if_stale(*products):
 
 def priority(what, first=0):
     """How early a job starts: long ones before short ones, so that the cores end together."""
-    return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards).partition(".")[0]), 0)
+    return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards)), 0)
 
 
 def made(product, recorded=True):
@@ -172,7 +172,7 @@ def staged(stage, *artifacts):
     """What the job of a stage is given beside files: its functions, and what each artifact is made from."""
 
     def given(wildcards):
-        declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards).partition(".")[0]]
+        declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards)]
         recipes = [PRODUCTS.job(filled(artifact, wildcards)).own for artifact in artifacts]
         users = wildcards.reading in STUDIES[wildcards.paper].own_readings
         return {"entries": declared.entries, "recipes": recipes, "size": SIZE, "users": users}
@@ -181,9 +181,8 @@ def staged(stage, *artifacts):
 
 
 def chunks_of_flights(wildcards):
-    """The files of the chunks of a Monte Carlo case, which an artifact joins; none of what one job computes."""
-    stage, _, case = wildcards.name.partition(".")
-    names = SHARED[wildcards.paper].chunks(wildcards.reading, case) if stage == FLIGHTS else []
+    """The files of the chunks of a Monte Carlo case; none if it is one job."""
+    names = SHARED[wildcards.paper].chunks(wildcards.reading, wildcards.case)
     return [f"data/cache/{wildcards.paper}/{wildcards.reading}/{name}.h5" for name in names if len(names) > 1]
 
 
@@ -203,8 +202,8 @@ UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline 
 
 
 def chunks_of_universes(wildcards):
-    """The files of all chunks of a paper's universes; a sample of the committed run is one."""
+    """The files of the chunks of a paper's universes; none if they are one job, as is a sample of the committed run."""
     path = f"report/universes/{wildcards.whole}{wildcards.paper}"
-    is_sample = "sample" in PRODUCTS.job(f"{path}.h5").own
+    is_sample = bool(PRODUCTS.job(f"{path}.h5").own["sample"])
     chunks = 1 if is_sample else STUDIES[wildcards.paper].universe_jobs
-    return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks)]
+    return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks) if chunks > 1]

@@ -4,22 +4,41 @@
 
 rule artifact:
     input:
-        artifacts=artifacts_of("data/cache/{paper}/{reading}/{name}.h5"),
-        chunks=chunks_of_flights,
-        rerun=if_stale("data/cache/{paper}/{reading}/{name}.h5"),
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/{stage}.h5"),
+        rerun=if_stale("data/cache/{paper}/{reading}/{stage}.h5"),
     output:
-        "data/cache/{paper}/{reading}/{name}.h5",
+        "data/cache/{paper}/{reading}/{stage}.h5",
     log:
-        "logs/{paper}/{reading}/{name}.log",
+        "logs/{paper}/{reading}/{stage}.log",
     benchmark:
-        "benchmarks/{paper}/{reading}/{name}.tsv"
-    wildcard_constraints:
-        paper=f"(?!{FLOWN_TOGETHER or '(?!)'})[^/]+",
-    priority: priority("{name}", SHOWN)
+        "benchmarks/{paper}/{reading}/{stage}.tsv"
+    priority: priority("{stage}", SHOWN)
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged("{name}", "data/cache/{paper}/{reading}/{name}.h5"),
+        made=staged("{stage}", "data/cache/{paper}/{reading}/{stage}.h5"),
+    script:
+        "../scripts/stage.py"
+
+
+rule flights:
+    input:
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+        chunks=chunks_of_flights,
+        rerun=if_stale("data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+    output:
+        "data/cache/{paper}/{reading}/montecarlo.{case}.h5",
+    log:
+        "logs/{paper}/{reading}/montecarlo.{case}.log",
+    benchmark:
+        "benchmarks/{paper}/{reading}/montecarlo.{case}.tsv"
+    wildcard_constraints:
+        paper=f"(?!{FLOWN_TOGETHER or '(?!)'})[^/]+",
+    priority: priority(FLIGHTS, SHOWN)
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
     script:
         "../scripts/stage.py"
 

@@ -1,5 +1,5 @@
-# What decides every claim: a paper under all admissible answers to what is doubted about it. Chunks of universes are
-# computed in one process each and gathered in a table, from which claims are judged and pictures drawn.
+# What decides every claim: a paper under all admissible answers to what is doubted about it. They are computed
+# in one process, or in one for each chunk and one that joins them, to a table from which claims are judged.
 
 
 # Which a reading may name.
@@ -36,6 +36,32 @@ rule points:
 
 
 # Those of a build, or the `whole` design with which a new run begins.
+rule universes:
+    input:
+        chunks=chunks_of_universes,
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        committed=files_of("report/universes/{whole}{paper}.h5"),
+        rerun=if_stale("report/universes/{whole}{paper}.h5"),
+    output:
+        "report/universes/{whole}{paper}.h5",
+    log:
+        "logs/{paper}/{whole}universes.log",
+    benchmark:
+        "benchmarks/{paper}/{whole}universes.tsv"
+    priority: priority("universes")
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/universes/{whole}{paper}.h5"),
+        project=in_project("."),
+    script:
+        "../scripts/universes.py"
+
+
 rule universes_chunk:
     input:
         configuration=source("configs/{paper}.yaml"),
@@ -57,25 +83,6 @@ rule universes_chunk:
     params:
         made=made("report/universes/{whole}{paper}.h5", recorded=False),
         project=in_project("."),
-    script:
-        "../scripts/universes_chunk.py"
-
-
-rule universes:
-    input:
-        chunks=chunks_of_universes,
-        committed=files_of("report/universes/{whole}{paper}.h5"),
-        rerun=if_stale("report/universes/{whole}{paper}.h5"),
-    output:
-        "report/universes/{whole}{paper}.h5",
-    log:
-        "logs/{paper}/{whole}universes.log",
-    benchmark:
-        "benchmarks/{paper}/{whole}universes.tsv"
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=made("report/universes/{whole}{paper}.h5"),
     script:
         "../scripts/universes.py"
 

@@ -239,12 +239,14 @@ class Products:
         begins with.
         """
         given, study = self._world(paper), self.studies[paper]
-        world, script = recipe_digest(given), self.sources.code("universes_chunk.py")
-        which = {"designs": list(study.designs)}
+        world, script = recipe_digest(given), self.sources.code("universes.py")
+        designs, sample = list(study.designs), []
         if whole:
-            which["designs"] = [study.whole, None, None]
-        elif numbers := self._sample(paper, world, script):
-            which = {"sample": numbers, "files": self._files(self._committed_run(paper))}
+            designs = [study.whole, None, None]
+        elif sample := self._sample(paper, world, script):
+            designs = []
+        files = self._files(self._committed_run(paper)) if sample else {}
+        which = {"designs": designs, "sample": sample, "files": files}
         return Made(f"report/universes/{whole}{paper}", given | which | {"world": world, "script": script}, [])
 
     def _sample(self, paper: str, world: str, script: str) -> list[int]:

@@ -368,6 +368,13 @@ def changed(large: Universes, small: Universes) -> dict[int, str]:
     return found
 
 
+def require_same(run: str | Path, table: Universes, paper: str) -> None:
+    """Raise MarsedlError if universes of a table have other bits than in the committed run of a file."""
+    if moved := changed(store.load(run, Universes, paper=paper), table):
+        differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
+        raise MarsedlError(f"{run} is not what this project computes: {differing}; run 'snakemake multiverse'")
+
+
 def coded(choices: Choices, universe: Universe) -> list[float]:
     """Return the value of every choice as a number: the place of the alternative, or the number of a range."""
     complete = choices.complete(universe.assignment)
