@@ -47,12 +47,12 @@ rule all:
     input:
         "report/index.html",
         "report/claims.json",
-        lambda wildcards: RECIPES.job("report/index.html").needs,
+        lambda wildcards: PRODUCTS.job("report/index.html").needs,
 
 
 rule comparison:
     input:
-        RECIPES.compared(),
+        PRODUCTS.compared(),
 
 
 for _paper in PAPERS:
@@ -61,15 +61,15 @@ for _paper in PAPERS:
         name:
             _paper
         input:
-            RECIPES.products(_paper),
+            PRODUCTS.shown(_paper),
 
 
 # After all rules, whose names a user may ask for. Another workflow that uses this one as a module has words of its own.
 try:
     if IS_MAIN:
-        check_targets(sys.argv, [rule.name for rule in workflow.rules], RECIPES)
+        check_targets(sys.argv, [rule.name for rule in workflow.rules], PRODUCTS)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 # What the jobs are planned from is kept for them and for the next plan: now, and with what is read while planning.
-RECIPES.sources.save()
-atexit.register(RECIPES.sources.save)
+PRODUCTS.sources.save()
+atexit.register(PRODUCTS.sources.save)

@@ -147,16 +147,18 @@ class Project:
             self.options += f" --configfile {shlex.join(map(str, paths))}"
 
     @cached_property
-    def recipes(self):
-        """What all products are made from."""
+    def products(self):
+        """All products with what they are made from."""
         from marsedl.comparison import comparisons
-        from marsedl.replication.pipeline.staleness import Recipes
+        from marsedl.replication.pipeline.products import Products
 
-        return Recipes(self.root, {s: catalogue(s) for s in SLUGS}, self.studies, comparisons(), self.size)
+        return Products(self.root, {s: catalogue(s) for s in SLUGS}, self.studies, comparisons(), self.size)
 
     def check(self, products: list[str], command: str = "") -> None:
         """Raise StaleError, which names the command to run, if products of this size are not up to date."""
-        self.recipes.check(products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
+        from marsedl.replication.pipeline.staleness import check
+
+        check(self.products, products, self.folder, f"snakemake {command or ' '.join(products)}{self.options}")
 
     def verdicts(self, slug: str) -> dict:
         """A paper's verdicts by the ids of its claims, of its last build alone or with all; empty if there is none."""
@@ -303,6 +305,7 @@ def _compare(options) -> None:
     Also compares two builds or two universes. Writes a page with the figures side by side.
     """
     from marsedl.replication.checks import compare
+    from marsedl.replication.pipeline import staleness
 
     paper, project = catalogue(options.paper), Project(options.size, options.configfile)
     study, sides = project.studies[paper.slug], []
@@ -321,7 +324,7 @@ def _compare(options) -> None:
 
     def is_stale(picture: Path) -> bool:
         product = picture.relative_to(project.folder).as_posix() if picture.is_relative_to(figures) else ""
-        return bool(product) and project.recipes.is_stale(product, project.folder)
+        return bool(product) and staleness.is_stale(project.products, product, project.folder)
 
     absent = compare.write_page(path, paper, difference, published, is_stale)
     print(f"wrote {path}", file=sys.stderr)
@@ -410,7 +413,7 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
         reference.check_size(project.root, papers, options.reference, project.size)
     targets = ["report/claims.json"] if options.reference is None else [f"report/claims/{slug}.json" for slug in papers]
     project.check(targets, "all" if options.reference is None else "")
-    shared = {slug: project.recipes.shared[slug] for slug in papers}
+    shared = {slug: project.products.shared[slug] for slug in papers}
     made = {slug: reference.made_from(project.root, one.paper, one.study, project.size) for slug, one in shared.items()}
     return project, shared, made, options.reference and options.reference.absolute()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from marsedl.replication.claims.committed import with_committed
 from marsedl.replication.claims.counts import counted
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, TEXTS, Paper, entry_of
+from marsedl.replication.pipeline.catalogue import FLIGHTS, TEXTS, Paper, entry_of
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.terminal import columns
 
@@ -44,7 +44,7 @@ def there(root: Path, slug: str) -> str:
         "readings": config["readings"],
         "figures": texts["figures"] or (),
         "tables": [*(texts.get("tables") or ()), "claims"],
-        "stages": [*stages, FLIGHTS] if CHUNK in stages else stages,
+        "stages": stages,
         "cases": config["chunks"],
     }
     claims = with_committed(root, slug, [(claim["id"], claim["kind"], None) for claim in printed["claims"]])

@@ -172,24 +172,13 @@ class Pipeline:
 
     def fly(self, reading, gains, case=None, trials=TRIALS, chunks=1, block_size=1000, **changes):
         """A Monte Carlo case under any gains."""
-        needs = self.paper.stages["montecarlo_chunk"].needs
-        needed = {need: self.stage(need, reading, **changes) for need in needs if need != "gains"}
-        inputs = self.stage_inputs(reading, "montecarlo_chunk", **changes)
-        case = case or next(iter(self.model.CASES))
-        chunks_flown = [
-            inputs.call(
-                self.montecarlo.simulate,
-                **needed,
-                gains=gains,
-                flown=Flown(case, trials, block_size, chunk, chunks),
-            )
-            for chunk in range(chunks)
-        ]
-        needed = self.needed("montecarlo_gather", reading, **changes)
-        if "gains" in needed:  # those that were flown
-            needed["gains"] = gains
-        inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
-        return inputs.call(self.montecarlo.gather, **needed, chunks=chunks_flown)
+        needs = self.paper.stages["montecarlo"].needs
+        needed = {need: self.stage(need, reading, **changes) for need in needs if need != "gains"} | {"gains": gains}
+        inputs, case = self.stage_inputs(reading, "montecarlo", **changes), case or next(iter(self.model.CASES))
+        given, flown = Arguments(inputs.values, lambda name, kind: needed.get(name)), Flown(case, trials, block_size)
+        parts = [flown._replace(chunk=chunk, chunks=chunks) for chunk in range(chunks)]
+        flights = [given.call(self.montecarlo.simulate, flown=part) for part in parts]
+        return given.call(self.montecarlo.gather, chunks=flights, flown=flown)
 
     def whole(self, inputs, artifacts, case, trials, block_size):
         """A Monte Carlo case in one go, as a job flies it, under any artifacts."""
@@ -199,8 +188,8 @@ class Pipeline:
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
-        needed = self.needed("montecarlo_chunk", reading) | (changes or {})
-        inputs = self.stage_inputs(reading, "montecarlo_chunk", **inputs)
+        needed = self.needed("montecarlo", reading) | (changes or {})
+        inputs = self.stage_inputs(reading, "montecarlo", **inputs)
         return inputs.call(self.montecarlo.block_simulator, **needed, case=case)
 
     def artifacts(self, reading, large=False):

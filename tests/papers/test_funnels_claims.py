@@ -125,7 +125,7 @@ def records_of(funnels, coarse_funnel):
         needed = [(shared_records | records)[name] for name in ("linearization", "gains", "funnel")]
         for case, trials in TRIALS.items():
             chunk = inputs.call(montecarlo.simulate, *needed, flown=Flown(case, trials, 1000))
-            records[case] = montecarlo.gather([chunk])
+            records[case] = inputs.call(montecarlo.gather, *needed, [chunk])
         return shared_records | records
 
     return {reading: of(reading) for reading in READINGS}
@@ -342,10 +342,8 @@ def test_the_error_of_few_flights_is_that_of_the_parts_that_have_one(funnels, re
     assert few.repeat_half_width[:3].max(axis=0).tolist() == few.flown_half_width.tolist()
     inputs = funnels.stage_inputs("corrected", "montecarlo")
     needed = [records[name] for name in ("linearization", "gains", "funnel")]
-    three, one = (
-        montecarlo.gather([inputs.call(montecarlo.simulate, *needed, flown=Flown("constant", trials, 1000))])
-        for trials in (3, 1)
-    )
+    chunks = [inputs.call(montecarlo.simulate, *needed, flown=Flown("constant", trials, 1000)) for trials in (3, 1)]
+    three, one = (inputs.call(montecarlo.gather, *needed, [chunk]) for chunk in chunks)
     ends = np.abs(three.final_state[:, 1:3]).max(axis=1) * funnels.all_inputs("corrected").planet.planet_radius / 1e3
     flown = few.repeat_half_width[:3].max(axis=1) / 1e3
     error = np.sqrt(np.var(ends, ddof=1) + np.var(flown, ddof=1))

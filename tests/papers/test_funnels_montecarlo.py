@@ -46,7 +46,7 @@ def ensemble_of(inputs_and_records, case="constant", trials=60, block_size=1000,
     needed = dict(zip(NAMES, inputs_and_records, strict=True)) | replacements
     inputs = needed.pop("inputs")
     chunk = inputs.call(montecarlo.simulate, **needed, flown=Flown(case, trials, block_size))
-    return montecarlo.gather([chunk])
+    return inputs.call(montecarlo.gather, **needed, chunks=[chunk])
 
 
 def replayed(inputs_and_records, case, number, ensemble=None, **replacements):
@@ -209,7 +209,7 @@ def test_results_do_not_depend_on_chunks(inputs_and_records, case):
     whole = ensemble_of(inputs_and_records, case, 60, 20)
     inputs, *needed = inputs_and_records
     chunks = [inputs.call(montecarlo.simulate, *needed, flown=Flown(case, 60, 20, chunk, 3)) for chunk in (2, 0, 1)]
-    scattered = montecarlo.gather(chunks)
+    scattered = inputs.call(montecarlo.gather, *needed, chunks)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
     larger = ensemble_of(inputs_and_records, case, 100)

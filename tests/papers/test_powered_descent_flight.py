@@ -19,7 +19,7 @@ DURATIONS = (26.0, 15.0)
 
 
 def simulator(pipeline, case="closed_loop", reading="corrected", **changes):
-    inputs = pipeline.stage_inputs(reading, "montecarlo_chunk", **changes)
+    inputs = pipeline.stage_inputs(reading, "montecarlo", **changes)
     records = {"nominal": pipeline.nominal(reading), "gains": pipeline.gains(reading)}
     return inputs.call(montecarlo.block_simulator, **records, case=case)
 
@@ -103,7 +103,7 @@ def oracle(gains, seed, trial, step, scheme, feedback=True, prior=None, hold=Non
 )
 def test_kernel_flies_the_equations(pipeline, scheme, case, trial, hold):
     step, gains = 0.1, pipeline.gains()
-    seed = pipeline.stage_inputs("corrected", "montecarlo_chunk").seed
+    seed = pipeline.stage_inputs("corrected", "montecarlo").seed
     prior = pipeline.nominal() if case == "prior_mass" else None
     states, thrusts = oracle(gains, seed, trial, step, scheme, case != "open_loop", prior, hold)
     interval = {"command_interval": hold and hold * step}
@@ -120,7 +120,7 @@ def test_kernel_flies_the_equations(pipeline, scheme, case, trial, hold):
 
 def test_initial_states_have_the_given_moments(pipeline):
     states = simulator(pipeline)(0, 20_000).history[0].T
-    inputs = pipeline.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = pipeline.stage_inputs("corrected", "montecarlo")
     np.testing.assert_array_equal(states[:, 4], WET_MASS)
     spread = np.sqrt(np.diag(inputs.initial_covariance))
     scaled = (states[:, :4] - segments.initial_mean(inputs.entry)) / spread
@@ -208,7 +208,7 @@ def test_compiled_flights_have_the_bits_of_the_functions_as_they_are_written(int
 
 def fly_quietly(pipeline, noise_density, spread, trials):
     """Final states of trials with another plant noise and an initial spread in units of the given one, (trials, 5)."""
-    inputs, gains = pipeline.stage_inputs("corrected", "montecarlo_chunk"), pipeline.gains()
+    inputs, gains = pipeline.stage_inputs("corrected", "montecarlo"), pipeline.gains()
     times = segments.grids(inputs.segment_durations, inputs.design_interval)
     schedules = flight.schedules_of(times, gains, [260, 150])
     distribution = flight.Start(segments.initial_mean(inputs.entry), inputs.initial_covariance, WET_MASS)
@@ -291,13 +291,13 @@ def absurd(gains):
 
 
 def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
-    gains, inputs = pipeline.gains(), pipeline.stage_inputs("corrected", "montecarlo_chunk")
+    gains, inputs = pipeline.gains(), pipeline.stage_inputs("corrected", "montecarlo")
     nominal = pipeline.nominal()
     good, bad = (
         inputs.call(montecarlo.simulate, nominal=nominal, gains=law, flown=Flown("closed_loop", 400, 200, chunk, 2))
         for chunk, law in enumerate((gains, absurd(gains)))
     )
-    both = pipeline.stage_inputs("corrected", "montecarlo_gather").call(montecarlo.gather, [good, bad])
+    both = pipeline.stage_inputs("corrected", "montecarlo").call(montecarlo.gather, [good, bad])
     assert (both.count, both.excluded) == (200, 200)
     assert both.outcome.tolist() == [COMPLETED] * 200 + [NON_FINITE] * 200
     alone = pipeline.fly("corrected", gains, trials=200, block_size=200)
@@ -313,7 +313,7 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
 
 def test_at_the_production_step_runge_kutta_has_no_bias_and_euler_maruyama_a_known_one(pipeline):
     """Flights on shared Brownian paths, against steps of 0.01 s."""
-    inputs, gains, trials = pipeline.stage_inputs("corrected", "montecarlo_chunk"), pipeline.gains(), 1000
+    inputs, gains, trials = pipeline.stage_inputs("corrected", "montecarlo"), pipeline.gains(), 1000
     times = segments.grids(inputs.segment_durations, inputs.design_interval)
     start = flight.Start(segments.initial_mean(inputs.entry), inputs.initial_covariance, WET_MASS)
     states = flight.initial_states(start, inputs.seed, np.arange(trials))

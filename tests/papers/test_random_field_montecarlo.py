@@ -32,7 +32,7 @@ MOTION = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE
 
 def simulator(random_field, reading="corrected", gains=None, number=-1, **changes):
     """The function `simulate_block` of a reading with changed inputs, under the law of a number."""
-    inputs = random_field.stage_inputs(reading, "montecarlo_chunk", **changes)
+    inputs = random_field.stage_inputs(reading, "montecarlo", **changes)
     records = {"nominal": random_field.nominal(reading), "gains": gains or random_field.gains(reading)}
     return inputs.call(montecarlo.block_simulator, **records, number=number)
 

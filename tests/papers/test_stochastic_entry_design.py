@@ -256,7 +256,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
 
     The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
     """
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20)
+    inputs = entry.stage_inputs("corrected", "montecarlo", flight_substeps=20)
     model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.atmosphere))
     constants = inputs.call(flight.settings, air)
     seconds = 65  # before the first reversal
@@ -607,7 +607,7 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     """
     model, laws = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
+    inputs = entry.stage_inputs("corrected", "montecarlo", flight_substeps=20, apollo_least_drag=0.75)
     mean, air = inputs.call(dispersions.entry_mean), environment.undisturbed(inputs.call(environment.atmosphere))
     size = {dispersions.SPEED: 0.02, dispersions.PATH_ANGLE: 1e-6}[component]
     starts = np.tile(mean, (2, 1))

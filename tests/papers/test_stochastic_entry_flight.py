@@ -38,7 +38,7 @@ def assert_identical(first, second):
 
 
 def test_entry_states_are_those_of_table_2(entry):
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     trials = 20_000
     states = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(trials)).entry_state
     np.testing.assert_array_equal(states[:, 0], RADIUS + 125e3)
@@ -52,7 +52,7 @@ def test_entry_states_are_those_of_table_2(entry):
 
 @pytest.mark.parametrize(("reading", "lift", "drag"), [("corrected", 0.015, -0.02), ("printed", 0.15, 0.02)])
 def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift, drag):
-    inputs = entry.stage_inputs(reading, "montecarlo_chunk")
+    inputs = entry.stage_inputs(reading, "montecarlo")
     vehicles = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(5000))
     area = np.pi * 4.5**2 / 4
     drag_coefficient = 2 * 3200 * vehicles.drag_factor / area
@@ -167,7 +167,7 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     ends = np.sort(ensemble.final_state[:, records.END_TIME])
     limit = np.floor(ends[60])  # about 60 trials in time
     inputs = entry.stage_inputs("corrected", "montecarlo", time_limit=limit)
-    needed = entry.needed("montecarlo_chunk", "corrected")
+    needed = entry.needed("montecarlo", "corrected")
     options = {"case": "apollo_velocity", "trials": 200, "block_size": 100}
     cut = entry.whole(inputs, needed, **options)
     late = ensemble.final_state[:, records.END_TIME] > limit
@@ -185,7 +185,7 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
 
 def test_crashes_are_counted_and_not_dropped(entry):
     """Flown on for another 140 s, every vehicle is under the ground; the last ones get there around 350 s."""
-    needed = entry.needed("montecarlo_chunk", "corrected")
+    needed = entry.needed("montecarlo", "corrected")
     inputs = entry.stage_inputs("corrected", "montecarlo")
     options = {"case": "stochastic_time", "trials": 200, "block_size": 100}
 
@@ -255,7 +255,7 @@ def test_printed_rate_limit_lets_the_bank_jump(entry):
 @pytest.mark.parametrize(("trigger", "end_time"), [("time", 230.3), ("velocity", 400.0)])
 def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
     """In an exponential atmosphere of a single table cell, as knots of a table take the order away."""
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     altitude = np.array([-10e3, 127e3])
     air = environment.Atmosphere(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.zeros(1))
     vehicles = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(64))

@@ -276,13 +276,13 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, changes, case):
 
 def density_over_mean(entry, trajectories):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
-    air = entry.stage_inputs("corrected", "montecarlo_chunk").call(environment.atmosphere)
+    air = entry.stage_inputs("corrected", "montecarlo").call(environment.atmosphere)
     mean = np.exp(np.interp(trajectories.history[:, records.ALTITUDE], air.altitude, air.log_density))
     return trajectories.history[:, records.DENSITY] / mean
 
 
 def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     air, trials = inputs.call(environment.atmosphere), np.arange(100, 300)
     factor, _ = density_factors(inputs, air, trials)
     trajectories = entry.simulator("apollo_time")(100, 300)
@@ -292,7 +292,7 @@ def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
 
 
 def test_negative_densities_are_set_to_zero_and_counted(entry):
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     air = inputs.call(environment.atmosphere)
     _, negative = density_factors(inputs, air, np.arange(1000))
     trajectories = entry.simulator("apollo_time")(0, 1000)
@@ -309,7 +309,7 @@ def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     """Normalized variations have unit variance, and forget as exp(-integral of 2/H), over 2,000 flights."""
     trials = 2000
     trajectories = entry.simulator("apollo_time")(0, trials)
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     altitude = trajectories.history[:, records.ALTITUDE]
     deviation = np.sqrt(0.148 * np.exp((np.minimum(altitude, 120e3) - 120e3) / 20e3))
     process = (density_over_mean(entry, trajectories) - 1.0) / deviation

@@ -27,7 +27,7 @@ def test_rules_that_the_profile_names_exist_and_grow_with_the_attempt():
     slurm, rules = profile("slurm"), set(re.findall(r"(?m)^[a-z]\w+$", process.stdout))
     grouped = dict(entry.split("=") for entry in slurm["groups"])
     assert grouped.keys() | slurm["set-resources"].keys() <= rules
-    assert not {"chunk", "gather"} & grouped.keys(), "scattered flights are worth jobs of their own"
+    assert not {"chunk", "flights"} & grouped.keys(), "scattered flights are worth jobs of their own"
     assert {entry.split("=")[0] for entry in slurm["group-components"]} <= set(grouped.values())
     for resources in (slurm["default-resources"], *slurm["set-resources"].values()):
         assert all(amount.endswith(" * attempt") for amount in resources.values())

@@ -13,10 +13,11 @@ import yaml
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.inputs.readings import load_studies
-from marsedl.replication.pipeline import staleness
+from marsedl.replication.pipeline import products
 from marsedl.replication.pipeline.fingerprints import Fingerprints, fingerprints_of
 from marsedl.replication.pipeline.libraries import _version, versions_used
 from marsedl.replication.pipeline.sharing import artifact_of
+from marsedl.replication.records.recipes import recipe_digest
 
 pytestmark = pytest.mark.workflow
 
@@ -74,11 +75,11 @@ class Edited:
         return self.names("figure") | self.names("table")
 
 
-def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
+def jobs_of(every: products.Products) -> dict[str, Job]:
     """All jobs of `snakemake all` by their records, artifacts by their paths."""
     jobs = {}
-    for path in recipes.behind(recipes.all()):
-        made = recipes.job(path)
+    for path in every.behind(every.all()):
+        made = every.job(path)
         if path.startswith("data/cache/"):
             paper, reading, name = artifact_of(path)
             kind, name, own = name.split(".")[0], f"{reading}/{name}", {**made.own, "needs": None}
@@ -90,7 +91,7 @@ def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
                 kind = "comparison" if paper == "comparison" else "figure" if path.endswith("png") else "table"
                 name, paper = "/".join([*middle[1:], name]), paper if paper in SLUGS else ""
             own = made.own
-        jobs.setdefault(made.name or path, Job(kind, paper, name, staleness.recipe_digest(own), recipes.digest(path)))
+        jobs.setdefault(made.name or path, Job(kind, paper, name, recipe_digest(own), every.digest(path)))
     return jobs
 
 
@@ -115,11 +116,11 @@ class Project:
         memory, scripts = self.folder / ".cache" / "fingerprints.json", self.folder / "workflow" / "scripts"
         sources = Fingerprints(memory, self.folder / "src", scripts)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(staleness, "fingerprints_of", lambda root: sources)
+            patch.setattr(products, "fingerprints_of", lambda root: sources)
             models = {slug: input_model(slug) for slug in SLUGS}
             studies = load_studies(models, self.folder, {"size": "smoke", "chunks": 3, **config})
             papers = {slug: catalogue(slug) for slug in SLUGS}
-            found = jobs_of(staleness.Recipes(self.folder, papers, studies, comparisons(), "smoke"))
+            found = jobs_of(products.Products(self.folder, papers, studies, comparisons(), "smoke"))
         if not self._texts:
             sources.save()
         return found
@@ -181,7 +182,7 @@ def test_comments_docstrings_and_messages_of_the_machinery_rerun_nothing(project
 
 
 def test_the_format_of_the_machinery_reruns_everything(project, monkeypatch):
-    monkeypatch.setattr(staleness, "FORMAT", staleness.FORMAT + 1)
+    monkeypatch.setattr(products, "FORMAT", products.FORMAT + 1)
     assert len(project.edited().changed) == len(project.before)
 
 
@@ -198,7 +199,7 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(projec
     project.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
     plan = project.edited()
     assert plan.papers == {slug, *edit.get("shared_with", ())}
-    assert plan.stages(slug) == {name for name in edit["rerun"] if not name.startswith("montecarlo_")}
+    assert plan.stages(slug) == {*edit["rerun"]}
     assert plan.kinds(slug) >= {"figure", *JUDGED}
     assert plan.kinds() >= {"comparison", *CLAIMS}
 
@@ -363,6 +364,25 @@ def test_a_copy_of_a_build_has_nothing_to_do(copied):
     for number, path in enumerate(sorted(files, key=lambda path: path.suffix in (".py", ".smk", ".yaml"))):
         os.utime(path, ns=(time.time_ns() - 10**12 + number,) * 2)
     assert copied.plan("all").rules == set()
+
+
+def test_a_plan_writes_nothing_and_needs_no_records_of_snakemake(small):
+    """Twice the same jobs of an edit, from the recipes of what was built; what Snakemake itself keeps is its own."""
+    small.edit("configs/hypersonic_glide.yaml", "initial_velocity: {value: -20.0", "initial_velocity: {value: -21.0")
+    small.plan("hypersonic_glide")  # which keeps the fingerprints of the source
+    before = everything(small.folder)
+    with_records = small.plan("hypersonic_glide")
+    assert with_records.artifacts >= {"corrected/gains", "corrected/montecarlo.closed_loop"}
+    shutil.rmtree(small.build / ".snakemake")
+    assert small.plan("hypersonic_glide").outputs == with_records.outputs
+    assert everything(small.folder) == before
+
+
+def everything(folder: Path) -> dict[Path, int]:
+    """All files but for those of Snakemake, with the times of their last change."""
+    return {
+        path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts
+    }
 
 
 def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(copied):

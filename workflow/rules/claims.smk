@@ -4,8 +4,11 @@
 
 rule paper_claims:
     input:
-        unpack(inputs("report/claims/{paper}.json")),
+        artifacts=artifacts_of("report/claims/{paper}.json"),
         points="report/points/{paper}.json",
+        published=source("data/published/{paper}.yaml"),
+        measured=source("data/reference/benchmarks.csv"),
+        rerun=if_stale("report/claims/{paper}.json"),
     output:
         claims="report/claims/{paper}.json",
         csv=report("figures/{paper}/claims.csv", category="{paper}"),
@@ -25,8 +28,11 @@ rule paper_claims:
 
 rule counterexamples:
     input:
-        unpack(inputs("report/counterexamples/{paper}.json")),
+        artifacts=artifacts_of("report/counterexamples/{paper}.json"),
         claims="report/claims/{paper}.json",
+        published=source("data/published/{paper}.yaml"),
+        measured=source("data/reference/benchmarks.csv"),
+        rerun=if_stale("report/counterexamples/{paper}.json"),
     output:
         "report/counterexamples/{paper}.json",
     log:
@@ -44,10 +50,10 @@ rule counterexamples:
 
 rule claims:
     input:
-        unpack(inputs("report/claims.json")),
         claims=expand("report/claims/{paper}.json", paper=PAPERS),
         counterexamples=expand("report/counterexamples/{paper}.json", paper=PAPERS),
         universes=expand("report/universes/{paper}.json", paper=PAPERS),
+        rerun=if_stale("report/claims.json"),
     output:
         "report/claims.json",
     log:

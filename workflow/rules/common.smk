@@ -3,11 +3,10 @@ import atexit
 import csv
 import os
 import sys
-import time
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER
+from marsedl.replication.pipeline.catalogue import FLIGHTS
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.inputs.readings import SETTINGS, load_studies
@@ -16,7 +15,9 @@ from marsedl.replication.pipeline.numerics import check_start
 from marsedl.replication.report.files import HEADLINE, site_files, universe_pictures
 from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
-from marsedl.replication.pipeline.staleness import ARTIFACTS, BENCHMARKS, Recipes
+from marsedl.replication.pipeline.products import Products
+from marsedl.replication.pipeline.sharing import ARTIFACTS
+from marsedl.replication.pipeline.staleness import is_stale, own_changes
 from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(workflow.current_basedir).parents[1]
@@ -66,20 +67,18 @@ wildcard_constraints:
     reading="[a-z0-9_]+",
     # The folder of a reading's figures and tables; those of the default reading stand above it.
     place="([a-z0-9_]+/)?",
-    name=r"[a-z0-9_]+(\.[a-z_]+)?",
+    stage="[a-z0-9_]+",
     case="[a-z_]+",
     whole="(whole/)?",
     chunk=r"0|[1-9]\d*",
     chunks=r"[1-9]\d*",
 
 
-RECIPES = Recipes(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
+PRODUCTS = Products(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
+SHARED = PRODUCTS.shared
 with open(ROOT / "data/reference/costs.csv", encoding="utf-8", newline="") as _file:
     # Seconds of the longest job of each kind.
     LONGEST = {(row["where"], row["what"]): int(row["longest_s"] or 0) for row in csv.DictReader(_file)}
-SHARED = RECIPES.shared
-# Newer than every product, for the jobs whose products are stale: Snakemake's own records may be lost.
-CHANGED = Path(".cache/changed")
 STALE = {}  # artifacts that are not up to date for a reason of their own, by the reason
 
 
@@ -91,9 +90,11 @@ def say_why():
     STALE.clear()
 
 
-def source(path):
-    """A file of the project, from the folder that is built in."""
-    return os.path.relpath(Path(os.path.realpath(ROOT), path), os.path.realpath(Path.cwd()))
+# --- what rules take. A product is a pattern with the wildcards of its rule.
+
+# The process that plans began after every product was made. No other path is newer than all of them without being
+# written. As a folder it has no checksum, by which Snakemake might call it unchanged.
+NOW = "/proc/self"
 
 
 def filled(pattern, wildcards):
@@ -101,41 +102,55 @@ def filled(pattern, wildcards):
     return pattern.format(**dict(wildcards.items()))
 
 
-def inputs(*products, files=True):
-    """What the job of some products takes: other products, files of the project, and one that is newer if it must run.
+def job_of(product, wildcards):
+    """The job that makes a product; ends with a message if a file of the project is gone."""
+    try:
+        return PRODUCTS.job(filled(product, wildcards))
+    except InputError as error:
+        sys.exit(f"\nmarsedl: {error}\n")
 
-    A job with temporary products takes no files: of products that are gone Snakemake knows no checksums of these, so that
-    by their times it would run again in every copy of a build.
+
+def in_project(path):
+    """A path in the project, from the folder that is built in."""
+    return os.path.relpath(Path(os.path.realpath(ROOT), path), os.path.realpath(Path.cwd()))
+
+
+def source(path):
+    """A file of the project. Recipes know what it holds, so its time says nothing."""
+    return ancient(in_project(path))
+
+
+def artifacts_of(product):
+    """The artifacts that a product is made from, as the signatures of its functions ask for them."""
+    return lambda wildcards: [need for need in job_of(product, wildcards).needs if need.startswith(ARTIFACTS)]
+
+
+def files_of(product):
+    """Further files of the project that a product is made from."""
+    return lambda wildcards: [source(name) for name in job_of(product, wildcards).own.get("files", ())]
+
+
+def if_stale(*products):
+    """What is newer than some products of a job if they were made from something else than they would be made from now.
+
+    Snakemake runs a job for its params as well, but only if it has its own records of the products, which a copy of a
+    build may lack, and not if a product was edited.
     """
 
-    def taken(wildcards):
-        paths = [filled(product, wildcards) for product in products]
-        try:
-            job = RECIPES.job(paths[0])
-        except InputError as error:  # a file of the project that is gone
-            sys.exit(f"\nmarsedl: {error}\n")
-        stale = [path for path in paths if RECIPES.is_stale(path, Path())]
+    def newer(wildcards):
+        job_of(products[0], wildcards)
+        stale = [path for path in (filled(one, wildcards) for one in products) if is_stale(PRODUCTS, path, Path())]
         for path in stale:
-            if path.startswith(ARTIFACTS) and (why := RECIPES.own_changes(path, Path())):
+            if path.startswith(ARTIFACTS) and (why := own_changes(PRODUCTS, path, Path())):
                 STALE.setdefault(why, []).append(path)
-        if stale or not CHANGED.exists():
-            CHANGED.parent.mkdir(parents=True, exist_ok=True)
-            CHANGED.write_text(f"{time.time_ns()}\n")
-        shows_printed = job.own.get("printed") or job.own.get("published")
-        return {
-            "needs": list(job.needs),
-            "published": [source(f"data/published/{wildcards.paper}.yaml")] if files and shows_printed else [],
-            "measured": [source(BENCHMARKS)] if files and job.own.get("measured") else [],
-            "files": [source(name) for name in job.own.get("files", ())] if files else [],
-            "changed": local(str(CHANGED) if stale else ancient(str(CHANGED))),
-        }
+        return [local(NOW)] if stale else []
 
-    return taken
+    return newer
 
 
 def priority(what, first=0):
     """How early a job starts: long ones before short ones, so that the cores end together."""
-    return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards).partition(".")[0]), 0)
+    return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards)), 0)
 
 
 def made(product, recorded=True):
@@ -143,7 +158,7 @@ def made(product, recorded=True):
 
     def given(wildcards):
         path = filled(product, wildcards)
-        return RECIPES.job(path).own | ({"record": RECIPES.record(path)} if recorded else {})
+        return PRODUCTS.job(path).own | ({"record": PRODUCTS.record(path)} if recorded else {})
 
     return given
 
@@ -157,30 +172,27 @@ def staged(stage, *artifacts):
     """What the job of a stage is given beside files: its functions, and what each artifact is made from."""
 
     def given(wildcards):
-        declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards).partition(".")[0]]
-        recipes = [RECIPES.job(filled(artifact, wildcards)).own for artifact in artifacts]
+        declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards)]
+        recipes = [PRODUCTS.job(filled(artifact, wildcards)).own for artifact in artifacts]
         users = wildcards.reading in STUDIES[wildcards.paper].own_readings
         return {"entries": declared.entries, "recipes": recipes, "size": SIZE, "users": users}
 
     return given
 
 
-def chunks(wildcards):
-    """The files of all chunks of a Monte Carlo case."""
+def chunks_of_flights(wildcards):
+    """The files of the chunks of a Monte Carlo case; none if it is one job."""
     names = SHARED[wildcards.paper].chunks(wildcards.reading, wildcards.case)
-    return [f"data/cache/{wildcards.paper}/{wildcards.reading}/{name}.h5" for name in names]
-
-
-def flights(paper, cases, readings="[^/]+"):
-    """Paths of flights below data/cache, as a regular expression."""
-    return rf"{paper}/({readings})/{FLIGHTS}\.({'|'.join(cases)})\.h5"
+    return [f"data/cache/{wildcards.paper}/{wildcards.reading}/{name}.h5" for name in names if len(names) > 1]
 
 
 # Paper, cases and readings, as a regular expression, of the flights that one job of a reading makes.
 TOGETHER = [
     (paper, cases, "|".join(readings)) for paper in PAPERS for cases, readings in SHARED[paper].flown_together().items()
 ]
-SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARED.items() if shared.scattered) or "(?!)"
+FLOWN_TOGETHER = "|".join(
+    rf"{paper}/({readings})/{FLIGHTS}\.({'|'.join(cases)})\.h5" for paper, cases, readings in TOGETHER
+)
 
 
 # --- universes
@@ -189,9 +201,9 @@ SCATTERED = "|".join(flights(paper, shared.scattered) for paper, shared in SHARE
 UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline in HEADLINES.items()}
 
 
-def universe_chunks(wildcards):
-    """The files of all chunks of a paper's universes; a sample of the committed run is one."""
+def chunks_of_universes(wildcards):
+    """The files of the chunks of a paper's universes; none if they are one job, as is a sample of the committed run."""
     path = f"report/universes/{wildcards.whole}{wildcards.paper}"
-    is_sample = "sample" in RECIPES.job(f"{path}.h5").own
+    is_sample = bool(PRODUCTS.job(f"{path}.h5").own["sample"])
     chunks = 1 if is_sample else STUDIES[wildcards.paper].universe_jobs
-    return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks)]
+    return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks) if chunks > 1]

@@ -5,12 +5,14 @@
 # All of the papers but what decides their claims: the universes take more than half of the time of `all`.
 rule papers:
     input:
-        [product for paper in PAPERS for product in RECIPES.products(paper)],
+        [product for paper in PAPERS for product in PRODUCTS.shown(paper)],
 
 
 rule figure:
     input:
-        unpack(inputs("figures/{paper}/{place}{stem}.png")),
+        artifacts=artifacts_of("figures/{paper}/{place}{stem}.png"),
+        published=source("data/published/{paper}.yaml"),
+        rerun=if_stale("figures/{paper}/{place}{stem}.png"),
     output:
         report("figures/{paper}/{place}{stem}.png", category="{paper}"),
         "figures/{paper}/{place}{stem}.pdf",
@@ -37,7 +39,9 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
         name:
             f"{_paper}_table_{_tables[0]}"
         input:
-            unpack(inputs(f"figures/{{paper}}/{{place}}{_tables[0]}.csv")),
+            artifacts=artifacts_of(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
+            published=source("data/published/{paper}.yaml"),
+            rerun=if_stale(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
         output:
             csv=[report(f"figures/{{paper}}/{{place}}{stem}.csv", category="{paper}") for stem in _tables],
             md=[f"figures/{{paper}}/{{place}}{stem}.md" for stem in _tables],
@@ -57,7 +61,8 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
 
 rule compared:
     input:
-        unpack(inputs("figures/comparison/{stem}.png")),
+        artifacts=artifacts_of("figures/comparison/{stem}.png"),
+        rerun=if_stale("figures/comparison/{stem}.png"),
     output:
         png=report("figures/comparison/{stem}.png", category="comparison"),
         pdf="figures/comparison/{stem}.pdf",

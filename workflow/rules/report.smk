@@ -3,9 +3,13 @@
 
 rule report:
     input:
-        unpack(inputs("report/index.html")),
+        shown=[PRODUCTS.shown(paper) for paper in PAPERS],
+        compared=PRODUCTS.compared(),
+        artifacts=artifacts_of("report/index.html"),
         claims="report/claims.json",
         universes=expand("report/universes/{paper}.json", paper=PAPERS),
+        texts_and_templates=files_of("report/index.html"),
+        rerun=if_stale("report/index.html"),
     output:
         [
             f"report/{page}"
@@ -25,9 +29,9 @@ rule report:
     params:
         # As a function of `output`, which Snakemake does not record: it would, half a megabyte for each of many files.
         made=lambda wildcards, output: made("report/index.html")(wildcards),
-        project=source("."),
+        project=in_project("."),
         artifacts=lambda wildcards: {
-            paper: {name: RECIPES.claimed(paper, name) for name in STUDIES[paper].built} for paper in PAPERS
+            paper: {name: PRODUCTS.claimed(paper, name) for name in STUDIES[paper].built} for paper in PAPERS
         },
     script:
         "../scripts/report.py"

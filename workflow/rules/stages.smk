@@ -1,30 +1,52 @@
-# The stages of all papers. A Monte Carlo case is one job, or one for each of its chunks and one that gathers them; cases of
+# The stages of all papers. A Monte Carlo case is one job, or one for each of its chunks and one that joins them; cases of
 # few trials are flown together, in one job of a reading.
 
 
 rule artifact:
     input:
-        unpack(inputs("data/cache/{paper}/{reading}/{name}.h5")),
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/{stage}.h5"),
+        rerun=if_stale("data/cache/{paper}/{reading}/{stage}.h5"),
     output:
-        "data/cache/{paper}/{reading}/{name}.h5",
+        "data/cache/{paper}/{reading}/{stage}.h5",
     log:
-        "logs/{paper}/{reading}/{name}.log",
+        "logs/{paper}/{reading}/{stage}.log",
     benchmark:
-        "benchmarks/{paper}/{reading}/{name}.tsv"
-    wildcard_constraints:
-        paper=f"(?!{'|'.join([SCATTERED, *(flights(*flown) for flown in TOGETHER)])})[^/]+",
-    priority: priority("{name}", SHOWN)
+        "benchmarks/{paper}/{reading}/{stage}.tsv"
+    priority: priority("{stage}", SHOWN)
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged("{name}", "data/cache/{paper}/{reading}/{name}.h5"),
+        made=staged("{stage}", "data/cache/{paper}/{reading}/{stage}.h5"),
+    script:
+        "../scripts/stage.py"
+
+
+rule flights:
+    input:
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+        chunks=chunks_of_flights,
+        rerun=if_stale("data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+    output:
+        "data/cache/{paper}/{reading}/montecarlo.{case}.h5",
+    log:
+        "logs/{paper}/{reading}/montecarlo.{case}.log",
+    benchmark:
+        "benchmarks/{paper}/{reading}/montecarlo.{case}.tsv"
+    wildcard_constraints:
+        paper=f"(?!{FLOWN_TOGETHER or '(?!)'})[^/]+",
+    priority: priority(FLIGHTS, SHOWN)
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
     script:
         "../scripts/stage.py"
 
 
 rule chunk:
     input:
-        unpack(inputs("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5")),
+        artifacts=artifacts_of("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
+        rerun=if_stale("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     output:
         temp("data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     log:
@@ -35,27 +57,7 @@ rule chunk:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged(CHUNK, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
-    script:
-        "../scripts/stage.py"
-
-
-rule gather:
-    input:
-        unpack(inputs("data/cache/{paper}/{reading}/montecarlo.{case}.h5")),
-        chunks=chunks,
-    output:
-        "data/cache/{paper}/{reading}/montecarlo.{case}.h5",
-    log:
-        "logs/{paper}/{reading}/montecarlo.{case}.log",
-    benchmark:
-        "benchmarks/{paper}/{reading}/montecarlo.{case}.tsv"
-    wildcard_constraints:
-        paper=f"(?={SCATTERED})[^/]+",
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=staged(GATHER, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     script:
         "../scripts/stage.py"
 
@@ -68,7 +70,8 @@ for _number, (_paper, _cases, _readings) in enumerate(TOGETHER):
         name:
             f"{_paper}_flights_{_number}"
         input:
-            unpack(inputs(*_flown)),
+            artifacts=artifacts_of(_flown[0]),
+            rerun=if_stale(*_flown),
         output:
             _flown,
         log:

@@ -1,5 +1,9 @@
-# What decides every claim: a paper under all admissible answers to what is doubted about it. Chunks of universes are
-# computed in one process each and gathered in a table, from which claims are judged and pictures drawn.
+# What decides every claim: a paper under all admissible answers to what is doubted about it. They are computed
+# in one process, or in one for each chunk and one that joins them, to a table from which claims are judged.
+
+
+# Which a reading may name.
+DENSITY_TABLES = [source(path) for path in sorted(Path(ROOT).glob("data/atmosphere/*.csv"))]
 
 
 rule multiverse:
@@ -9,7 +13,12 @@ rule multiverse:
 
 rule points:
     input:
-        unpack(inputs("report/points/{paper}.json")),
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        rerun=if_stale("report/points/{paper}.json"),
     output:
         "report/points/{paper}.json",
     log:
@@ -21,15 +30,47 @@ rule points:
         "../envs/marsedl.yaml"
     params:
         made=made("report/points/{paper}.json"),
-        project=source("."),
+        project=in_project("."),
     script:
         "../scripts/points.py"
 
 
 # Those of a build, or the `whole` design with which a new run begins.
+rule universes:
+    input:
+        chunks=chunks_of_universes,
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        committed=files_of("report/universes/{whole}{paper}.h5"),
+        rerun=if_stale("report/universes/{whole}{paper}.h5"),
+    output:
+        "report/universes/{whole}{paper}.h5",
+    log:
+        "logs/{paper}/{whole}universes.log",
+    benchmark:
+        "benchmarks/{paper}/{whole}universes.tsv"
+    priority: priority("universes")
+    conda:
+        "../envs/marsedl.yaml"
+    params:
+        made=made("report/universes/{whole}{paper}.h5"),
+        project=in_project("."),
+    script:
+        "../scripts/universes.py"
+
+
 rule universes_chunk:
     input:
-        unpack(inputs("report/universes/{whole}{paper}.h5", files=False)),
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
+        committed=files_of("report/universes/{whole}{paper}.h5"),
+        rerun=if_stale("report/universes/{whole}{paper}.h5"),
     output:
         temp("report/universes/{whole}{paper}.{chunk}of{chunks}.h5"),
     log:
@@ -41,33 +82,19 @@ rule universes_chunk:
         "../envs/marsedl.yaml"
     params:
         made=made("report/universes/{whole}{paper}.h5", recorded=False),
-        project=source("."),
-    script:
-        "../scripts/universes_chunk.py"
-
-
-rule universes:
-    input:
-        unpack(inputs("report/universes/{whole}{paper}.h5")),
-        chunks=universe_chunks,
-    output:
-        "report/universes/{whole}{paper}.h5",
-    log:
-        "logs/{paper}/{whole}universes.log",
-    benchmark:
-        "benchmarks/{paper}/{whole}universes.tsv"
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        made=made("report/universes/{whole}{paper}.h5"),
+        project=in_project("."),
     script:
         "../scripts/universes.py"
 
 
 rule waves:
     input:
-        unpack(inputs("report/universes/waves/{paper}.h5", files=False)),
         table="report/universes/whole/{paper}.h5",
+        configuration=source("configs/{paper}.yaml"),
+        frozen=source("data/reference/inputs.json"),
+        published=source("data/published/{paper}.yaml"),
+        tables=DENSITY_TABLES,
+        measured=source("data/reference/benchmarks.csv"),
     output:
         "report/universes/waves/{paper}.h5",
     log:
@@ -78,7 +105,7 @@ rule waves:
         "../envs/marsedl.yaml"
     params:
         made=made("report/universes/waves/{paper}.h5", recorded=False),
-        project=source("."),
+        project=in_project("."),
     script:
         "../scripts/waves.py"
 
@@ -90,9 +117,14 @@ for _paper in PAPERS:
         name:
             f"{_paper}_what_decides"
         input:
-            unpack(inputs("report/universes/{paper}.json")),
             table="report/universes/{paper}.h5",
             claims="report/claims/{paper}.json",
+            committed=files_of("report/universes/{paper}.json"),
+            configuration=source("configs/{paper}.yaml"),
+            frozen=source("data/reference/inputs.json"),
+            published=source("data/published/{paper}.yaml"),
+            tables=DENSITY_TABLES,
+            rerun=if_stale("report/universes/{paper}.json"),
         output:
             decided="report/universes/{paper}.json",
             judged=expand("figures/{{paper}}/universes/claims.{suffix}", suffix=("csv", "md")),
@@ -108,6 +140,6 @@ for _paper in PAPERS:
             "../envs/marsedl.yaml"
         params:
             made=made("report/universes/{paper}.json"),
-            project=source("."),
+            project=in_project("."),
         script:
             "../scripts/what_decides.py"

@@ -4,17 +4,17 @@ import sys
 
 from marsedl.plotting.headlines import headline_picture
 from marsedl.plotting.style import save_figure
-from marsedl.replication.claims.printed import load_measured, published_of
+from marsedl.replication.claims.printed import load_measured, published_by_id
 from marsedl.replication.claims.rows import read_evaluations, unexplained, write_claims, write_table_of_claims
 from marsedl.replication.claims.verdicts import collect
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
-    [published], output = published_of(snakemake.input).values(), snakemake.output
-    measured = [load_measured(path, job.paper) for path in snakemake.input.measured] or [None]
+    published, output = published_by_id(snakemake.input.published), snakemake.output
+    measured = load_measured(snakemake.input.measured, job.paper) if job.made["measured"] else None
     own = claims_of(job.paper)
-    evaluations = {name: own.evaluate(given, published, measured=measured[0]) for name, given in job.readings().items()}
+    evaluations = {name: own.evaluate(given, published, measured=measured) for name, given in job.readings().items()}
     evaluations |= read_evaluations(snakemake.input.points)
     rows = collect(list(published.values()), own.declarations, evaluations, **job.made["judged"])
     if names := unexplained(rows):

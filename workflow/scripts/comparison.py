@@ -9,7 +9,7 @@ from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
     stem, inputs, output = snakemake.wildcards.stem, job.made["inputs"], snakemake.output
-    files = {slug: {parameter_of(p): p for p in job.artifacts if f"/{slug}/" in p} for slug in inputs}
+    files = {slug: {parameter_of(p): p for p in snakemake.input.artifacts if f"/{slug}/" in p} for slug in inputs}
     comparison = import_module(f"marsedl.comparison.{stem}")
     records = collect(stem, inputs, files, job.load)
     save_figure(comparison.figure(records), output.png, output.pdf)

@@ -1,15 +1,17 @@
-"""Artifacts of flown trials: the fields of `marsedl.montecarlo.ensembles`, along the axes of a paper's model.
+"""Records of flown trials, with the fields of `marsedl.montecarlo.ensembles`: chunks, and a paper's ensembles.
 
-@along(state=STATE, observed=OBSERVED, outcome="0 completed, 3 not finite")
-class FlightEnsemble(Ensemble):
-    \"\"\"All trials of one Monte Carlo case.\"\"\"
+All papers have the same chunks. The fields of an ensemble lie along the axes of the paper's model:
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
+    @record
+    class FlightEnsemble(Ensemble):
+        \"\"\"All trials of one Monte Carlo case.\"\"\"
+
+        inherited = along(state=STATE, observed=OBSERVED, outcome="0 completed, 3 not finite")
+
+        time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
 """
 
-from collections.abc import Callable
-from dataclasses import fields
-from typing import dataclass_transform
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -20,8 +22,42 @@ Along = Axis | tuple[str, str]  # an axis, or the name and unit of a dimension w
 
 
 @record
+class Chunk:
+    """Reduced trials of one chunk, block by block, under each law: one, unless all trials fly under several."""
+
+    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
+    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
+    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments", "int64")
+    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials", "int64")
+    block_mean: np.ndarray = quantity("SI", ("laws", "blocks", "time", "state"), "mean state")
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("laws", "blocks", "time", "state", "state"), "second moment about that mean"
+    )
+    block_observed_mean: np.ndarray = quantity("SI", ("laws", "blocks", "time", "observed"), "mean of the observed")
+    histogram: np.ndarray = quantity("1", ("laws", "time", "counted", "bins"), "trials by what is observed", "int64")
+    histogram_edges: np.ndarray = quantity("SI", ("laws", "counted", "edges"), "edges of the inner bins")
+    maximum_over_trials: np.ndarray = quantity(
+        "SI", ("laws", "time", "observed"), "largest values over the trials", allow_nan=True
+    )
+    maximum_of_parts: np.ndarray = quantity(
+        "SI", ("laws", "parts", "time", "observed"), "the same of some parts of the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity("SI", ("laws", "trials", "final"), "state at the end", allow_nan=True)
+    observed_maximum: np.ndarray = quantity(
+        "SI", ("laws", "trials", "observed"), "largest observed values", allow_nan=True
+    )
+    outcome: np.ndarray = quantity("1", ("laws", "trials"), "code of how the trial ended", "int8")
+    kept_history: np.ndarray = quantity(
+        "SI", ("laws", "kept", "time", "state"), "states of the kept trials", allow_nan=True
+    )
+    kept_observed: np.ndarray = quantity(
+        "SI", ("laws", "kept", "time", "observed"), "observed of the kept trials", allow_nan=True
+    )
+
+
+@record
 class Flights:
-    """What chunks and ensembles have in common; units and dimensions are the names of arguments of `along`."""
+    """What all ensembles have in common; units and dimensions are the names of arguments of `along`."""
 
     maximum_over_trials: np.ndarray = quantity(
         "observed", ("time", "observed"), "largest values over the trials", allow_nan=True
@@ -38,29 +74,6 @@ class Flights:
 
 
 @record
-class Counted(Flights):
-    """Flights with a histogram over time."""
-
-    histogram: np.ndarray = quantity("1", ("time", "counted", "bins"), "trials by what is observed", "int64")
-    histogram_edges: np.ndarray = quantity("counted", ("counted", "edges"), "edges of the inner bins")
-
-
-@record
-class Chunk(Counted):
-    """Reduced trials of one chunk, block by block."""
-
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity("state", ("blocks", "time", "state"), "mean state of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("blocks", "time", "state", "state"), "second moment about that mean"
-    )
-    block_observed_mean: np.ndarray = quantity("observed", ("blocks", "time", "observed"), "mean of the observed")
-
-
-@record
 class Moments(Flights):
     """Flights with the moments of all trials."""
 
@@ -71,6 +84,14 @@ class Moments(Flights):
 
 
 @record
+class Counted(Flights):
+    """Flights with a histogram over time."""
+
+    histogram: np.ndarray = quantity("1", ("time", "counted", "bins"), "trials by what is observed", "int64")
+    histogram_edges: np.ndarray = quantity("counted", ("counted", "edges"), "edges of the inner bins")
+
+
+@record
 class Ensemble(Counted, Moments):
     """All trials of one Monte Carlo case."""
 
@@ -78,7 +99,6 @@ class Ensemble(Counted, Moments):
     observed_mean: np.ndarray = quantity("observed", ("time", "observed"), "mean of the observed", allow_nan=True)
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(quantity,))
 def along(
     *,
     state: Along,
@@ -90,15 +110,15 @@ def along(
     edges: str | Axis = "edges",
     per: tuple[str, ...] = (),
     **meanings: str,
-) -> Callable[[type], type]:
-    """Make a class that inherits from `Chunk`, `Ensemble` or a part of them an artifact type, along these axes.
+) -> dict[str, Quantity]:
+    """Return what the fields are of a class that inherits from `Ensemble` or `Moments`, along these axes.
 
     state, observed: of the histories. final: of the final state, the state unless given. counted: of what the histogram
     counts, the observed unless given. time, bins, edges: dimensions. per: what all fields lie along first, such as the
     laws that are flown. meanings: of inherited fields, in the paper's words. Raises ArtifactError for a meaning of a
-    field that neither a chunk nor an ensemble has.
+    field that no ensemble has.
     """
-    known = quantities(Chunk) | quantities(Ensemble)
+    known = quantities(Ensemble)
     if unknown := next((name for name in meanings if name not in known), None):
         raise ArtifactError(f"flights have no field {unknown!r} to give a meaning: {nearest(unknown, known)}")
     axes = {"state": state, "observed": observed, "final": final or state, "counted": counted or observed}
@@ -107,19 +127,11 @@ def along(
     units = {name: axis[1] if isinstance(axis, tuple) else axis.unit for name, axis in axes.items()}
 
     def declared(name: str, of: Quantity) -> Quantity:
-        return quantity(
-            units.get(of.unit, of.unit),
-            (*per, *(dims.get(dimension, dimension) for dimension in of.dims)),
-            meanings.get(name, of.meaning),
-            of.dtype,
-            allow_nan=of.allow_nan,
+        return replace(
+            of,
+            unit=units.get(of.unit, of.unit),
+            dims=(*per, *(dims.get(dimension, dimension) for dimension in of.dims)),
+            meaning=meanings.get(name, of.meaning),
         )
 
-    def made(kind: type) -> type:
-        for base in (base for base in reversed(kind.__mro__) if base.__module__ == __name__):
-            for field in fields(base):
-                kind.__annotations__[field.name] = field.type
-                setattr(kind, field.name, declared(field.name, field.metadata["quantity"]))
-        return record(kind)
-
-    return made
+    return {field.name: declared(field.name, field.metadata["quantity"]) for field in fields(Ensemble)}

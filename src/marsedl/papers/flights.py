@@ -1,7 +1,7 @@
 """What the Monte Carlo stages of all papers do: fly a chunk of trials, join the chunks, describe a single trial.
 
 A paper gives its `simulate_block(first, last)`, see `marsedl.montecarlo.ensembles`. Where all trials fly under each of
-several laws it gives one for each, and the fields of its artifacts lie along the laws first.
+several laws it gives one for each, and the fields of its ensembles lie along the laws first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from marsedl.replication.pipeline.catalogue import Flown, Trial
 from marsedl.replication.records.fields import Axis, quantities
 
 
-def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **options) -> dict[str, object]:
-    """Fly the trials of a job. Returns the fields of a chunk, see `papers.ensembles`, without infinities.
+def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **options) -> Chunk:
+    """Fly the trials of a job. Returns them reduced, without infinities.
 
     simulate_block: the paper's, or one for each law. drawn: first trials that keep their histories. exits: the
     `TableExits` of an air whose density may come from a table, which then says how many flights leave it. options:
@@ -27,62 +27,75 @@ def flown_chunk(simulate_block, flown: Flown, *, drawn: int, exits=None, **optio
     if not flown.alone:
         first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     watched = [exits.watching(simulate) for simulate in simulators] if exits else simulators
-    reduced = [ensembles.run_blocks(simulate, first, last, **options) for simulate in watched]
+    reduced = _by_law([ensembles.run_blocks(simulate, first, last, **options) for simulate in watched])
     if exits:
         exits.say(f"flights {first:,} to {last - 1:,}" + ("" if callable(simulate_block) else ", under all laws"))
-    return _stored(reduced, by_law=not callable(simulate_block))
+    laws, *shape = reduced["maximum_over_trials"].shape
+    return Chunk(**reduced, maximum_of_parts=np.empty((laws, 0, *shape)))
 
 
-def joined(chunks: Sequence) -> dict[str, object]:
-    """Join a case's chunks in the order of their trials. Returns the fields of an ensemble, see `papers.ensembles`."""
-    by_law = np.ndim(chunks[0].first_trial) > 0
-    laws = range(len(chunks[0].first_trial)) if by_law else [...]
-    fields = quantities(Chunk)
-    reduced = [
-        ensembles.merge([{name: np.asarray(getattr(chunk, name))[law] for name in fields} for chunk in chunks])
-        for law in laws
-    ]
-    return _stored(reduced, by_law=by_law)
+def joined(kind: type, chunks: Sequence[Chunk]) -> dict[str, object]:
+    """Join a case's chunks in the order of their trials.
 
-
-def _stored(reduced, *, by_law):
-    """The fields of reductions, stacked by law or of the only one, with NaN in place of infinities.
-
-    Only non-finite trials have infinite numbers, and artifacts cannot hold them.
+    Returns the fields of an ensemble of this kind that it inherits; they lie along the laws first if its outcomes do.
     """
-    parts = [{name: ensembles.without_infinities(value) for name, value in part.items()} for part in reduced]
-    return {name: np.array([part[name] for part in parts]) for name in parts[0]} if by_law else parts[0]
+    of_laws = []
+    for law in range(len(chunks[0].first_trial)):
+        reduced = [{name: getattr(chunk, name)[law] for name in quantities(Chunk)} for chunk in chunks]
+        of_laws.append(ensembles.merge(reduced))
+    outcome, *_ = quantities(kind)["outcome"].dims
+    merged = _by_law(of_laws) if outcome != "trials" else _finite(of_laws[0])
+    return {name: merged[name] for name in kind.inherited.keys() & quantities(kind).keys()}
+
+
+def _by_law(reduced):
+    """The fields of reductions, stacked by law."""
+    parts = [_finite(part) for part in reduced]
+    return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+
+
+def _finite(part):
+    """The fields of a reduction with NaN in place of infinities, which only non-finite trials have."""
+    return {name: ensembles.without_infinities(value) for name, value in part.items()}
 
 
 def described(
-    chunk, trial: Trial, outcomes: Mapping[int, str], *, laws: Sequence[str] = (), names: Sequence[str] = (), further=()
+    kind: type,
+    chunk: Chunk,
+    trial: Trial,
+    outcomes: Mapping[int, str],
+    *,
+    laws: Sequence[str] = (),
+    names: Sequence[str] = (),
+    further=(),
 ) -> str:
     """Describe a trial that was flown again: how it ended, its state at both ends, its largest observed values.
 
-    chunk: that trial alone. outcomes: words for the codes. laws: their names, if the trial flew under several. names:
+    kind: of the ensembles. chunk: that trial alone. outcomes: words for the codes. laws: their names, if the trial
+    flew under several. names:
     of the final state's components where its axis has none. further: names and values for each law. With a stored
     ensemble the last line says whether the final state is the same to the last bit.
     """
     state, final, observed = (
-        quantities(type(chunk))[name].dims[-1] for name in ("kept_history", "final_state", "observed_maximum")
+        quantities(kind)[name].dims[-1] for name in ("kept_history", "final_state", "observed_maximum")
     )
     lines = []
     for number, law in enumerate(laws or [f"of {trial.case}"]):
-        at = (number,) if laws else ()
-        end = chunk.final_state[(*at, 0)]
-        start = dict(zip(_components(state), chunk.kept_history[(*at, 0, 0)], strict=False))
-        under = f", {law}" if laws else f" {law}"
-        lines.append(f"trial {trial.number}{under}: {outcomes[int(chunk.outcome[(*at, 0)])]}")
+        end = chunk.final_state[number, 0]
+        start = dict(zip(_components(state), chunk.kept_history[number, 0, 0], strict=False))
+        of_trial = f"trial {trial.number}, {law}" if laws else f"trial {trial.number} {law}"
+        lines.append(f"{of_trial}: {outcomes[int(chunk.outcome[number, 0])]}")
         for name, value in zip(_components(final) or names, end, strict=True):
             lines.append(
                 f"  {name:36}" + (f"{start[name]:18.12g} -> " if name in start else " " * 22) + f"{value:18.12g}"
             )
-        for name, value in zip(_components(observed), chunk.observed_maximum[(*at, 0)], strict=False):
+        for name, value in zip(_components(observed), chunk.observed_maximum[number, 0], strict=False):
             lines.append(f"  {f'largest {name}':58}{value:18.12g}")
         rows = further[number] if further else {}
         lines += [f"  {name:58}{value:18.12g}" for name, value in rows.items()]
         if trial.stored is not None:
-            same = np.array_equal(end, trial.stored.final_state[(*at, trial.number)], equal_nan=True)
+            at = (number, trial.number) if laws else trial.number
+            same = np.array_equal(end, trial.stored.final_state[at], equal_nan=True)
             verdict = "the same to the last bit as in" if same else "DIFFERS from"
             lines.append(f"  {verdict} the stored ensemble")
     return "\n".join(lines)

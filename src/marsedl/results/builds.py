@@ -45,7 +45,7 @@ class Build:
         path = own_file = self.folder / "data" / "cache" / paper / reading / f"{name}.h5"
         if reading in study.readings or not own_file.parent.is_dir():  # else of a configuration that is not available
             cases = [f"{FLIGHTS}.{case}" for case in self.reading(paper, reading).trial_counts()]
-            stages = [stage for stage in catalogue(paper).stages if not stage.startswith(FLIGHTS)]
+            stages = [stage for stage in catalogue(paper).stages if stage != FLIGHTS]
             shared = Shared(catalogue(paper), study)
             if not shared.has(reading, name) or name == FLIGHTS:
                 raise _unknown(f"reading {reading} of {paper} has no artifact", name, [*stages, *cases])

@@ -183,11 +183,9 @@ def test_of_all_inputs_a_stage_reaches_the_sections_that_it_names(tmp_path, read
     assert (code(INPUTS) != code(INPUTS.replace(old, new))) == counts
 
 
-def test_a_whole_case_is_its_chunk_gathered(read):
+def test_what_flies_a_case_and_joins_its_chunks_is_one_stage(read):
     stages = read().stages
     assert next(iter(stages)) == "nominal"
-    assert stages["montecarlo_chunk"].inputs == ("ensemble.seed",)
-    assert stages["montecarlo_gather"].inputs == ("planet.gravity",)
     assert stages["montecarlo"].inputs == ("ensemble.seed", "planet.gravity")
     assert stages["montecarlo"].entries == tuple(f"marsedl.papers.toy.montecarlo:{f}" for f in ("simulate", "gather"))
 

@@ -44,12 +44,15 @@ class Named(list):
     def items(self):
         return vars(self).items()
 
+    def get(self, name):
+        return vars(self).get(name)
+
 
 def job_of(tmp_path, *, libraries=LIBRARIES, files=(), **made):
     made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries, **made}
     return SimpleNamespace(
         params=Named(made=made),
-        input=Named(needs=[*files]),
+        input=Named(artifacts=[*files]),
         output=Named(out=str(tmp_path / "out.h5")),
         wildcards=Named(paper="p", reading="r"),
         log=Named(log=str(tmp_path / "logs" / "gains.log")),
@@ -130,7 +133,7 @@ def test_arguments_are_loaded_by_annotation(build):
 
     snakemake = job_of(build)
     chunks = [save_thing(f"chunks/calm.{k}of3", value=(k, k)) for k in range(3)]
-    snakemake.input = Named(needs=[save_thing("one"), save_thing("montecarlo.calm", value=(9, 9))], chunks=chunks)
+    snakemake.input = Named(artifacts=[save_thing("one"), save_thing("montecarlo.calm", value=(9, 9))], chunks=chunks)
     loaded = jobs.Job(snakemake).given().of(stage)
     assert set(loaded) == {"one", "calm", "chunks"}
     np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])

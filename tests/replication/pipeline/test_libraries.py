@@ -29,9 +29,7 @@ CONE_PROGRAMS = {
     *("funnels/stage_study", "funnels/coarse_funnels", "stochastic_entry/certificates"),
 }
 NO_SCIPY = {
-    *("powered_descent/montecarlo_gather", "random_field/montecarlo_gather", "random_field/double_integrator_flights"),
-    *("funnels/montecarlo_gather", "funnels/dubins_calm", "funnels/dubins_wind"),
-    "stochastic_entry/montecarlo_gather",
+    *("random_field/double_integrator_flights", "funnels/dubins_calm", "funnels/dubins_wind"),
 }
 
 

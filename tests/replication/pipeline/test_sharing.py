@@ -42,8 +42,6 @@ PAPER = Paper(
         "other": Stage((), (), (), "what reads nothing"),
         "study": Stage((), (), ("nominal",), "study", claimed_in=("corrected",)),
         "montecarlo": Stage((), (), ("gains",), "flights"),
-        "montecarlo_chunk": Stage((), (), ("gains",), "flights of a chunk"),
-        "montecarlo_gather": Stage((), (), (), "chunks joined"),
     },
 )
 
@@ -114,7 +112,6 @@ def test_cases_of_few_trials_are_flown_by_one_job():
 def test_a_recipe_stands_for_all_that_an_artifact_is_made_from():
     whose = shared({"calm": 4, "windy": 1}, mine={"ensemble__trials": 2500})
     assert whose.chunks("mine", "calm") == ["chunks/calm.0of3", "chunks/calm.1of3", "chunks/calm.2of3"], "three blocks"
-    assert whose.scattered == {"calm"}
     assert whose.recipe("mine", "gains")["inputs"] == {"vehicle.mass": 2.0}
     options = {"case": "calm", "trials": 2500, "block_size": 1000}
     assert whose.recipe("mine", "montecarlo.calm")["options"] == options, "in however many chunks"

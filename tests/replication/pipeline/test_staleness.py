@@ -9,9 +9,11 @@ from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.errors import InputError, StaleError
 from marsedl.replication.inputs.readings import load_studies
-from marsedl.replication.pipeline import staleness
+from marsedl.replication.pipeline import products
 from marsedl.replication.pipeline.fingerprints import Fingerprints
-from marsedl.replication.pipeline.staleness import Recipes
+from marsedl.replication.pipeline.products import Products
+from marsedl.replication.pipeline.sharing import artifact_of
+from marsedl.replication.pipeline.staleness import check, is_stale, reason
 from marsedl.replication.records.recipes import write_record
 
 ROOT = Path(__file__).parents[3]
@@ -24,16 +26,16 @@ CLAIMS = ["report/claims/powered_descent.json", "figures/powered_descent/claims.
 PICTURES = ["figures/powered_descent/fig07.png", "figures/powered_descent/fig07.pdf"]
 
 
-def recipes_of(*files):
-    """The recipes of all products, with the readings of some files."""
+def products_of(*files):
+    """All products, with the readings of some files."""
     papers, models = {slug: catalogue(slug) for slug in SLUGS}, {slug: input_model(slug) for slug in SLUGS}
-    return Recipes(ROOT, papers, load_studies(models, ROOT, config_files=files), comparisons())
+    return Products(ROOT, papers, load_studies(models, ROOT, config_files=files), comparisons())
 
 
 @pytest.fixture(scope="module")
 def plain():
     """Without files of a user."""
-    return recipes_of()
+    return products_of()
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def with_mine(tmp_path_factory):
     """With a reading of a user."""
     path = tmp_path_factory.mktemp("user") / "mine.yaml"
     path.write_text(MINE, encoding="utf-8")
-    return recipes_of(path)
+    return products_of(path)
 
 
 @pytest.fixture
@@ -49,35 +51,35 @@ def built(tmp_path, monkeypatch):
     """A function that writes some products and records them, as their job does; returns the folder."""
     monkeypatch.chdir(tmp_path)
 
-    def build(recipes, products):
-        for path in map(Path, products):
+    def build(plan, files):
+        for path in map(Path, files):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f"{path} as it was made", encoding="utf-8")
-        write_record(*recipes.record(products[0]), products)
+        write_record(*plan.record(files[0]), files)
         return tmp_path
 
     return build
 
 
-@pytest.mark.parametrize("products", [CLAIMS, PICTURES], ids=["claims", "figure"])
-def test_a_product_that_was_edited_after_its_job_is_said_to_be(plain, built, products):
-    folder = built(plain, products)
-    assert [plain.reason(path, folder) for path in products] == ["", ""]
-    (folder / products[1]).write_text("another", encoding="utf-8")
-    assert plain.reason(products[1], folder) == "was edited after its job wrote it"
-    assert plain.reason(products[0], folder) == f"goes with {products[1]}, which was edited after its job wrote it"
-    assert plain.is_stale(products[0], folder)
-    (folder / products[1]).unlink()
-    assert not plain.is_stale(products[0], folder), "what is gone Snakemake makes again"
+@pytest.mark.parametrize("files", [CLAIMS, PICTURES], ids=["claims", "figure"])
+def test_a_product_that_was_edited_after_its_job_is_said_to_be(plain, built, files):
+    folder = built(plain, files)
+    assert [reason(plain, path, folder) for path in files] == ["", ""]
+    (folder / files[1]).write_text("another", encoding="utf-8")
+    assert reason(plain, files[1], folder) == "was edited after its job wrote it"
+    assert reason(plain, files[0], folder) == f"goes with {files[1]}, which was edited after its job wrote it"
+    assert is_stale(plain, files[0], folder)
+    (folder / files[1]).unlink()
+    assert not is_stale(plain, files[0], folder), "what is gone Snakemake makes again"
 
 
 def test_what_was_built_beside_a_users_reading_is_good_for_the_check_and_planned_again(plain, with_mine, built):
     path = CLAIMS[0]
     folder = built(with_mine, CLAIMS)
-    assert (plain.reason(path, folder, beside=True), with_mine.reason(path, folder)) == ("", "")
-    assert plain.is_stale(path, folder), "it has a column for the reading, which goes again with its file"
+    assert (reason(plain, path, folder, beside=True), reason(with_mine, path, folder)) == ("", "")
+    assert is_stale(plain, path, folder), "it has a column for the reading, which goes again with its file"
     built(plain, CLAIMS)
-    assert with_mine.reason(path, folder, beside=True) == "was made from other inputs or code"
+    assert reason(with_mine, path, folder, beside=True) == "was made from other inputs or code"
 
 
 def test_a_product_of_a_users_reading_has_one_recipe(with_mine):
@@ -88,10 +90,10 @@ def test_a_product_of_a_users_reading_has_one_recipe(with_mine):
 def test_the_check_takes_what_was_built_beside_a_users_reading(plain, with_mine, built, monkeypatch):
     folder = built(with_mine, CLAIMS)
     monkeypatch.setattr(plain, "behind", lambda targets: targets)
-    plain.check(CLAIMS, folder, "snakemake all")
+    check(plain, CLAIMS, folder, "snakemake all")
     (folder / CLAIMS[1]).write_text("another", encoding="utf-8")
     with pytest.raises(StaleError, match=r"was edited after its job wrote it; the build is not up to date, run"):
-        plain.check(CLAIMS[1:], folder, "snakemake all")
+        check(plain, CLAIMS[1:], folder, "snakemake all")
 
 
 @pytest.mark.parametrize("lost", ["data/published/powered_descent.yaml", "CITATION.cff"])
@@ -104,10 +106,10 @@ def test_a_file_of_the_project_that_is_gone_has_no_digest(tmp_path, lost):
         copy.parent.mkdir(parents=True, exist_ok=True)
         if path != ROOT / lost:
             copy.symlink_to(path)
-    recipes = recipes_of()
-    recipes.root = tmp_path
+    plan = products_of()
+    plan.root = tmp_path
     with pytest.raises(InputError, match=rf"{lost}: cannot be read \(No such file or directory\); restore it"):
-        recipes.job(CLAIMS[0] if lost.startswith("data") else "report/index.html")
+        plan.job(CLAIMS[0] if lost.startswith("data") else "report/index.html")
 
 
 def test_words_of_the_machinery_that_are_no_folders_of_readings_may_name_one(tmp_path):
@@ -115,11 +117,11 @@ def test_words_of_the_machinery_that_are_no_folders_of_readings_may_name_one(tmp
     path.write_text(
         "".join([MINE[: MINE.index("    mine")], *(f"    {name}: {{based_on: corrected}}\n" for name in names)])
     )
-    recipes = recipes_of(path)
+    plan = products_of(path)
     for name in names:
-        made = recipes.job(f"figures/powered_descent/{name}/fig07.png")
+        made = plan.job(f"figures/powered_descent/{name}/fig07.png")
         assert (made.name, made.own["stems"]) == (f"figures/powered_descent/{name}/fig07", ["fig07"])
-        assert staleness.artifact_of(f"data/cache/powered_descent/{name}/nominal.h5")[1] == name
+        assert artifact_of(f"data/cache/powered_descent/{name}/nominal.h5")[1] == name
 
 
 CLAIM = "src/marsedl/papers/powered_descent/claims/sec5_example.py"
@@ -140,13 +142,13 @@ def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch)
             (tmp_path / name).write_text(text.replace(old, new, 1), encoding="utf-8")
         memory, scripts = tmp_path / ".cache" / "fingerprints.json", tmp_path / "workflow" / "scripts"
         sources = Fingerprints(memory, tmp_path / "src", scripts)
-        monkeypatch.setattr(staleness, "fingerprints_of", lambda root: sources)
+        monkeypatch.setattr(products, "fingerprints_of", lambda root: sources)
         models = {slug: input_model(slug) for slug in slugs}
-        recipes = Recipes(tmp_path, {slug: catalogue(slug) for slug in slugs}, load_studies(models, tmp_path), {})
-        return worlds(recipes)
+        plan = Products(tmp_path, {slug: catalogue(slug) for slug in slugs}, load_studies(models, tmp_path), {})
+        return worlds(plan)
 
-    def worlds(recipes):
-        own = [recipes.job(f"report/universes/{slug}.h5").own for slug in slugs]
+    def worlds(plan):
+        own = [plan.job(f"report/universes/{slug}.h5").own for slug in slugs]
         return [(one["world"], one.get("sample")) for one in own]
 
     slugs = ("powered_descent", "desensitized")

@@ -9,7 +9,7 @@ from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies
-from marsedl.replication.pipeline.staleness import Recipes
+from marsedl.replication.pipeline.products import Products
 from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(__file__).parents[3]
@@ -17,11 +17,11 @@ RULES = ["all", "claims", "verify", *SLUGS]
 
 
 @pytest.fixture(scope="module")
-def recipes():
-    """Those of all products."""
+def products():
+    """All products."""
     papers = {slug: catalogue(slug) for slug in SLUGS}
     studies = load_studies({slug: input_model(slug) for slug in SLUGS}, ROOT)
-    return Recipes(ROOT, papers, studies, comparisons())
+    return Products(ROOT, papers, studies, comparisons())
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ def recipes():
         ["data/cache/powered_descent/corrected/montecarlo.closed_loop.h5", "figures/mine.txt/../../own/x.txt"],
     ],
 )
-def test_what_is_made_or_is_not_ours_may_be_asked_for(recipes, words):
-    check_targets(["bin/snakemake", *words], RULES, recipes)
+def test_what_is_made_or_is_not_ours_may_be_asked_for(products, words):
+    check_targets(["bin/snakemake", *words], RULES, products)
 
 
 @pytest.mark.parametrize(
@@ -55,13 +55,13 @@ def test_what_is_made_or_is_not_ours_may_be_asked_for(recipes, words):
         ("data/cache/funnels/euler/nominal.h5", "the reading shares data/cache/funnels/corrected/nominal.h5"),
     ],
 )
-def test_what_nothing_makes_is_refused_with_the_nearest(recipes, word, message):
+def test_what_nothing_makes_is_refused_with_the_nearest(products, word, message):
     with pytest.raises(InputError) as caught:
-        check_targets(["bin/snakemake", word, "--cores", "2"], RULES, recipes)
+        check_targets(["bin/snakemake", word, "--cores", "2"], RULES, products)
     assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(("program", "checked"), [("x/snakemake/__main__.py", True), ("api.py", False)])
-def test_words_of_other_programs_are_their_own(recipes, program, checked):
+def test_words_of_other_programs_are_their_own(products, program, checked):
     with pytest.raises(InputError) if checked else nullcontext():
-        check_targets([program, "gale"], RULES, recipes)
+        check_targets([program, "gale"], RULES, products)

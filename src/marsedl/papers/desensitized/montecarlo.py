@@ -8,7 +8,8 @@ from marsedl.papers.density import TableExits
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Inputs
-from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
+from marsedl.papers.desensitized.records import FlightEnsemble, Gains
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
@@ -19,15 +20,13 @@ OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are n
 
 
 @stage()
-def simulate(given: Inputs, gains: Gains, *, flown: Flown) -> FlightChunk:
+def simulate(given: Inputs, gains: Gains, *, flown: Flown) -> Chunk:
     """Fly one chunk of the trials under every law."""
     bound = given.vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
     simulators = [block_simulator(given, flown_law(gains, number)) for number in range(len(gains.law))]
-    return FlightChunk(
-        **flown_chunk(
-            simulators, flown, drawn=given.ensemble.drawn_trials, exits=TableExits(given.planet), histogram_edges=edges
-        )
+    return flown_chunk(
+        simulators, flown, drawn=given.ensemble.drawn_trials, exits=TableExits(given.planet), histogram_edges=edges
     )
 
 
@@ -53,7 +52,7 @@ def output_step(intervals):
 
 
 @stage()
-def gather(given: Inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(given: Inputs, gains: Gains, chunks: list[Chunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
     step = output_step(gains.bank_acceleration.shape[1])
     air, nominals = environment.surroundings(given.planet, given.vehicle), []
@@ -62,7 +61,7 @@ def gather(given: Inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnse
         start = reference.initial_state[np.newaxis]
         trajectories = flight.fly(*air, reference, gain, start, substeps=given.simulation.substeps, every=step)
         nominals.append(trajectories.history[:, :, 0])
-    nominal, merged = np.array(nominals), joined(chunks)
+    nominal, merged = np.array(nominals), joined(FlightEnsemble, chunks)
     ends = np.where(merged["outcome"][:, :, np.newaxis] == COMPLETED, merged["final_state"], np.nan)
     return FlightEnsemble(
         law=gains.law,
@@ -73,6 +72,6 @@ def gather(given: Inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnse
     )
 
 
-def replay(gains: Gains, chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(gains: Gains, chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again under every law."""
-    return described(chunk, trial, OUTCOMES, laws=[f"law {name}" for name in gains.law])
+    return described(FlightEnsemble, chunk, trial, OUTCOMES, laws=[f"law {name}" for name in gains.law])

@@ -5,7 +5,7 @@ These types compile nothing and solve nothing: claims, figures and tables read t
 
 import numpy as np
 
-from marsedl.papers.ensembles import Chunk, Ensemble, along
+from marsedl.papers.ensembles import Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
@@ -207,7 +207,7 @@ class Responses:
     narrow_error: np.ndarray = quantity("m", ("law", CHANNEL, "points", POSITION), "final errors", allow_nan=True)
 
 
-_flown = along(
+_ALONG = along(
     state=FLIGHT_STATE,
     observed=OBSERVED,
     time="node",
@@ -219,14 +219,11 @@ _flown = along(
 )
 
 
-@_flown
-class FlightChunk(Chunk):
-    """Reduced trials of one chunk, block by block."""
-
-
-@_flown
+@record
 class FlightEnsemble(Ensemble):
     """All trials under all laws, every law with the same errors at entry."""
+
+    inherited = _ALONG
 
     law: np.ndarray = quantity("1", ("law",), "name, as in the gains", "str")
     time: np.ndarray = quantity("s", ("law", "node"), "times of the moments", label="time from entry")

@@ -4,14 +4,17 @@ Flights of the entry are the paper's Monte Carlo cases; runs of the Dubins car a
 depend on the entry.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import COMPLETED
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.inputs import Car, Ensemble, Inputs
-from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
+from marsedl.papers.funnels.records import Dubins, FlightEnsemble, Funnel, Gains, Linearization
 from marsedl.replication.pipeline.catalogue import Flown, Trial, stage
 
 REPEATS = 10
@@ -19,7 +22,7 @@ OUTCOMES = {0: "flown to the end", 3: "not finite"}
 
 
 @stage()
-def simulate(given: Inputs, linearization: Linearization, gains: Gains, funnel: Funnel, *, flown: Flown) -> FlightChunk:
+def simulate(given: Inputs, linearization: Linearization, gains: Gains, funnel: Funnel, *, flown: Flown) -> Chunk:
     """Fly one chunk of the trials of a case.
 
     The case is "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
@@ -48,7 +51,8 @@ def dubins_wind(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
 
 def _car_runs(setting, seed, trials, drawn_trials):
     """Runs of the car, held against one of its funnels."""
-    return gather([_reduced(setting, flight.Draws(seed), Flown("dubins", trials, ensembles.BLOCK_SIZE), drawn_trials)])
+    flown = Flown("dubins", trials, ensembles.BLOCK_SIZE)
+    return _held(setting, [_reduced(setting, flight.Draws(seed), flown, drawn_trials)])
 
 
 def _reduced(setting, draws, flown, drawn_trials):
@@ -64,30 +68,29 @@ def _reduced(setting, draws, flown, drawn_trials):
                 np.fmax(repeat_maximum[repeat], values.max(axis=-1), out=repeat_maximum[repeat])
         return block
 
-    reduced = flown_chunk(recorded, flown, drawn=drawn_trials)
-    return FlightChunk(
-        time=setting.loop.time,
-        level=setting.level,
-        observed_name=np.array(setting.observed),
-        repeat_maximum=repeat_maximum,
-        **reduced,
-    )
+    chunk = flown_chunk(recorded, flown, drawn=drawn_trials)
+    return replace(chunk, maximum_of_parts=repeat_maximum[np.newaxis])
 
 
 @stage()
-def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(
+    given: Inputs, linearization: Linearization, gains: Gains, funnel: Funnel, chunks: list[Chunk]
+) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and count what lies outside of the funnel."""
-    merged = joined(chunks)
-    for name in ("histogram", "histogram_edges", "flying", "observed_mean"):
-        del merged[name]
+    return _held(flight.entry_setting(given, linearization, gains, funnel), chunks)
+
+
+def _held(setting, chunks):
+    """The trials of chunks, held against a funnel."""
+    merged = joined(FlightEnsemble, chunks)
     # A ratio that is not a number is one of a trial that is nowhere.
     at_slices, between = ~(merged["final_state"][:, -2:] <= 1.0).T
     lasting = merged["outcome"] == COMPLETED
     return FlightEnsemble(
-        time=chunks[0].time,
-        level=chunks[0].level,
-        observed_name=chunks[0].observed_name,
-        repeat_maximum=np.fmax.reduce([chunk.repeat_maximum for chunk in chunks]),
+        time=setting.loop.time,
+        level=setting.level,
+        observed_name=np.array(setting.observed),
+        repeat_maximum=np.fmax.reduce([chunk.maximum_of_parts[0] for chunk in chunks]),
         outside_at_slices=int(np.count_nonzero(at_slices)),
         outside_between=int(np.count_nonzero(between)),
         largest_ratio=float(merged["final_state"][lasting, -2:].max()) if lasting.any() else np.nan,
@@ -95,8 +98,8 @@ def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     )
 
 
-def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again."""
     deviations = [f"deviation of state {number + 1}" for number in range(chunk.kept_history.shape[-1])]
     names = [*deviations, "largest V/rho at slices", "largest V/rho between them"]
-    return described(chunk, trial, OUTCOMES, names=names)
+    return described(FlightEnsemble, chunk, trial, OUTCOMES, names=names)

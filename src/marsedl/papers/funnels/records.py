@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.ensembles import Chunk, Moments, along
+from marsedl.papers.ensembles import Moments, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 GAIN_UNIT = "rad/m, 1, 1, rad s/m, 1, 1"
@@ -380,7 +380,7 @@ class DubinsStudy:
     proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
 
 
-_flown = along(
+_ALONG = along(
     state=("states", "SI"),  # less those of the reference
     observed=("observed", OBSERVED_UNIT),  # V, magnitude of the feedback (rad; rad/s of the car), and heat rate
     final=("final", "SI"),
@@ -393,7 +393,6 @@ _flown = along(
     final_state="deviation at the end; largest V/rho at slices, and between them",
     kept_history="deviations of the kept trials",
     kept_observed="observed of the kept trials",
-    block_mean="mean deviation of each block",
     count="finite trials",
     excluded="trials that are not finite",
     mean="mean deviation",
@@ -401,8 +400,10 @@ _flown = along(
 
 
 @record
-class Held:
-    """What flights are held against, and by which parts of them."""
+class FlightEnsemble(Moments):
+    """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
+
+    inherited = _ALONG
 
     time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
     level: np.ndarray = quantity(
@@ -412,17 +413,6 @@ class Held:
     repeat_maximum: np.ndarray = quantity(
         OBSERVED_UNIT, ("repeats", "time", "observed"), "the same of ten parts of the trials", allow_nan=True
     )
-
-
-@_flown
-class FlightChunk(Held, Chunk):
-    """Reduced trials of one chunk, block by block."""
-
-
-@_flown
-class FlightEnsemble(Held, Moments):
-    """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
-
     outside_at_slices: int = quantity("1", (), "trials outside of the funnel at a slice after the first")
     outside_between: int = quantity("1", (), "trials outside of the funnel at a node between slices")
     largest_ratio: float = quantity("1", (), "largest V/rho of the finite trials after the start", allow_nan=True)

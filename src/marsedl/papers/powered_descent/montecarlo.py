@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.inputs import Inputs, Mission, Simulation
 from marsedl.papers.powered_descent.records import (
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Nominal,
@@ -20,7 +20,7 @@ LARGE = "_large"  # ends the name of a case that flies the same trials and more
 
 
 @stage()
-def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
+def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> Chunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is "closed_loop", "open_loop", "prior_mass" (the plant flies the mass that the design assumes) or
@@ -30,13 +30,12 @@ def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> 
     thrust_edges = np.linspace(
         0.0, given.ensemble.thrust_range * given.vehicle.maximum_thrust, given.ensemble.thrust_bins + 1
     )
-    reduced = flown_chunk(
+    return flown_chunk(
         block_simulator(given, nominal, gains, flown.case),
         flown,
         drawn=given.ensemble.drawn_trials,
         histogram_edges=thrust_edges[np.newaxis],
     )
-    return FlightChunk(**reduced)
 
 
 def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, case: str) -> Callable:
@@ -72,9 +71,9 @@ def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, case: str) ->
 
 
 @stage()
-def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(mission: Mission, simulation: Simulation, chunks: list[Chunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = joined(chunks)
+    merged = joined(FlightEnsemble, chunks)
     outputs = [
         np.linspace(0.0, duration, flight.step_count(duration, np.inf, simulation.output_interval)[0] + 1)
         for duration in mission.segment_durations
@@ -83,6 +82,7 @@ def gather(mission: Mission, simulation: Simulation, chunks: list[FlightChunk]) 
     return FlightEnsemble(time=time, segment=segment, **merged)
 
 
-def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again."""
-    return described(chunk, trial, {COMPLETED: "completed", CRASHED: "below the ground", NON_FINITE: "not finite"})
+    outcomes = {COMPLETED: "completed", CRASHED: "below the ground", NON_FINITE: "not finite"}
+    return described(FlightEnsemble, chunk, trial, outcomes)

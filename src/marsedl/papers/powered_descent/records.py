@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.ensembles import Chunk, Ensemble, along
+from marsedl.papers.ensembles import Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
@@ -160,7 +160,7 @@ class Certificates:
     solver_iterations: np.ndarray = quantity("1", ("segments", "intervals"), "iterations of the solver", "int64")
 
 
-_flown = along(
+_ALONG = along(
     state=STATE,
     observed=OBSERVED,
     counted=COUNTED,
@@ -171,22 +171,17 @@ _flown = along(
     observed_maximum="largest thrust and depth",
     kept_history="state over time of the kept trials",
     kept_observed="thrust and depth of them",
-    block_second_moment="second moment about the block's mean",
-    block_observed_mean="mean thrust and depth of each block",
     observed_mean="mean thrust and depth",
     flying="trials in the moments over time: here all of them",
     excluded="trials left out of the moments because they are not finite",
 )
 
 
-@_flown
-class FlightChunk(Chunk):
-    """Reduced trials of one chunk, block by block."""
-
-
-@_flown
+@record
 class FlightEnsemble(Ensemble):
     """All trials of one Monte Carlo case."""
+
+    inherited = _ALONG
 
     time: np.ndarray = quantity(
         "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"

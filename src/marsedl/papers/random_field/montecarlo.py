@@ -8,6 +8,7 @@ from marsedl.models import orbits, random_field
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.density import TableExits
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
@@ -18,7 +19,6 @@ from marsedl.papers.random_field.records import (
     CAPTURED,
     NOT_EXITED,
     OUTCOMES,
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Nominal,
@@ -29,15 +29,14 @@ CONTROL_BINS = 40
 
 
 @stage()
-def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
+def simulate(given: Inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> Chunk:
     """Fly one chunk of the trials under every law."""
     lower, upper = given.vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
     simulators = [block_simulator(given, nominal, gains, number) for number in range(len(gains.control))]
-    reduced = flown_chunk(
+    return flown_chunk(
         simulators, flown, drawn=given.simulation.drawn_trials, exits=TableExits(given.air), histogram_edges=edges
     )
-    return FlightChunk(time=output_times(given.mission, given.simulation), **reduced)
 
 
 def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, number=-1):
@@ -83,11 +82,11 @@ def block_simulator(given: Inputs, nominal: Nominal, gains: Gains, number=-1):
 
 
 @stage()
-def gather(planet: Planet, mission: Mission, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(given: Inputs, chunks: list[Chunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and compute apoapsis and delta-v of every trial."""
-    merged = joined(chunks)
-    apoapsis, delta_v = burns(planet, mission, merged["final_state"], merged["outcome"])
-    return FlightEnsemble(time=chunks[0].time, apoapsis=apoapsis, delta_v=delta_v, **merged)
+    merged, time = joined(FlightEnsemble, chunks), output_times(given.mission, given.simulation)
+    apoapsis, delta_v = burns(given.planet, given.mission, merged["final_state"], merged["outcome"])
+    return FlightEnsemble(time=time, apoapsis=apoapsis, delta_v=delta_v, **merged)
 
 
 def burns(planet: Planet, mission: Mission, final_state, outcome):
@@ -103,9 +102,9 @@ def burns(planet: Planet, mission: Mission, final_state, outcome):
     return apoapsis, delta_v
 
 
-def replay(planet: Planet, mission: Mission, chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(planet: Planet, mission: Mission, chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again under every law."""
     laws = ["open loop", *(f"law of iteration {number}" for number in range(1, len(chunk.outcome)))]
     delta_v = burns(planet, mission, chunk.final_state, chunk.outcome)[1]
     further = [{"delta-v (m/s)": one} for one in delta_v[:, 0]]
-    return described(chunk, trial, OUTCOMES, laws=laws, further=further)
+    return described(FlightEnsemble, chunk, trial, OUTCOMES, laws=laws, further=further)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
-from marsedl.papers.ensembles import Chunk, Ensemble, along
+from marsedl.papers.ensembles import Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 OPEN, CLOSED = 0, 1  # laws of the double integrator
@@ -234,7 +234,7 @@ class DoubleIntegratorFlights:
     kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", POINT_STATE), "states of the first trials")
 
 
-_flown = along(
+_ALONG = along(
     state=STATE,
     observed=OBSERVED,
     final=FINAL,
@@ -243,21 +243,15 @@ _flown = along(
     histogram="trials by commanded control; the first and last bin: beyond the limits",
     observed_maximum="largest commanded control and excess over the limits",  # negative inside
     kept_observed="observed of them",
-    block_observed_mean="mean of the observed quantities",
     observed_mean="mean of the observed quantities",
 )
 
 
-@_flown
-class FlightChunk(Chunk):
-    """Reduced trials of one chunk, block by block."""
-
-    time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
-
-
-@_flown
+@record
 class FlightEnsemble(Ensemble):
     """All trials of the aerocapture under all laws, every law with the same density variations."""
+
+    inherited = _ALONG
 
     time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
     apoapsis: np.ndarray = quantity(

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.papers.density import TableExits
+from marsedl.papers.ensembles import Chunk
 from marsedl.papers.flights import described, flown_chunk, joined
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
 from marsedl.papers.stochastic_entry.inputs import Inputs, Mission, Simulation
 from marsedl.papers.stochastic_entry.records import (
     OUTCOMES,
-    FlightChunk,
     FlightEnsemble,
     Gains,
     Linearization,
@@ -31,24 +31,19 @@ class End(NamedTuple):
 
 
 @stage()
-def simulate(
-    given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, *, flown: Flown
-) -> FlightChunk:
+def simulate(given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, *, flown: Flown) -> Chunk:
     """Fly one chunk of a Monte Carlo case.
 
     The case is law and trigger, such as "apollo_velocity".
     """
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
-    reduced = flown_chunk(
+    return flown_chunk(
         block_simulator(given, nominal, linearization, gains, flown.case),
         flown,
         drawn=given.simulation.drawn_trials,
         exits=TableExits(given.air),
         histogram_edges=np.array([edges, edges]),
     )
-    end = end_of(given.mission, nominal, flown.case)
-    time = flight.schedule(end.time, given.guidance.guidance_period, end.trigger).times
-    return FlightChunk(time=time, nominal_final=nominal_final(nominal), **reduced)
 
 
 def block_simulator(given: Inputs, nominal: Nominal, linearization: Linearization, gains: Gains, case: str) -> Callable:
@@ -84,10 +79,11 @@ def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
 
 
 @stage()
-def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(given: Inputs, nominal: Nominal, chunks: list[Chunk], *, flown: Flown) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = joined(chunks)
-    return FlightEnsemble(time=chunks[0].time, nominal_final=chunks[0].nominal_final, **merged)
+    end = end_of(given.mission, nominal, flown.case)
+    time = flight.schedule(end.time, given.guidance.guidance_period, end.trigger).times
+    return FlightEnsemble(time=time, nominal_final=nominal_final(nominal), **joined(FlightEnsemble, chunks))
 
 
 def nominal_final(nominal):
@@ -96,6 +92,6 @@ def nominal_final(nominal):
     return np.array([getattr(nominal, name)[-1] for name in names])
 
 
-def replay(chunk: FlightChunk, *, trial: Trial) -> str:
+def replay(chunk: Chunk, *, trial: Trial) -> str:
     """Describe a trial that was flown again."""
-    return described(chunk, trial, OUTCOMES)
+    return described(FlightEnsemble, chunk, trial, OUTCOMES)

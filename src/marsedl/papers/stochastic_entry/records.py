@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.ensembles import Chunk, Ensemble, along
+from marsedl.papers.ensembles import Ensemble, along
 from marsedl.replication.records.fields import Axis, quantity, record
 
 TRIGGERS = ("time", "velocity")
@@ -196,7 +196,7 @@ class Tradeoff:
     noise_deviation: float = quantity("m", (), "deviation from noise after the last control")
 
 
-_flown = along(
+_ALONG = along(
     state=FLIGHT_STATE,
     observed=OBSERVED_BANK,
     final=FINAL_STATE,
@@ -207,8 +207,6 @@ _flown = along(
     observed_maximum="largest bank angle and largest change of it in a guidance period",
     kept_history="state of the kept trials",
     kept_observed="bank angle and its change",
-    block_second_moment="second moment about the block's mean",
-    block_observed_mean="mean of the observed quantities",
     observed_mean="mean of the observed quantities",
     flying="trials still flying, over which the moments are taken",
     excluded="trials left out of the moments because they are not finite",
@@ -216,21 +214,13 @@ _flown = along(
 
 
 @record
-class Timed:
-    """What chunks and ensembles have besides."""
+class FlightEnsemble(Ensemble):
+    """All trials of one Monte Carlo case."""
+
+    inherited = _ALONG
 
     time: np.ndarray = quantity("s", ("time",), "time from entry interface", label="time from entry")
     nominal_final: np.ndarray = quantity(NOMINAL_FINAL.unit, (NOMINAL_FINAL,), "end of the nominal flight")
-
-
-@_flown
-class FlightChunk(Timed, Chunk):
-    """Reduced trials of one chunk, block by block."""
-
-
-@_flown
-class FlightEnsemble(Timed, Ensemble):
-    """All trials of one Monte Carlo case."""
 
 
 def by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity):

@@ -184,6 +184,6 @@ def load_measured(path: str | Path, paper: str) -> dict[str, float]:
         raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
 
 
-def published_of(files) -> dict[str, dict]:
-    """Return the printed claims by id, as the argument `published`, if a job's input files have them."""
-    return {"published": {claim.id: claim for claim in load_published(*files.published)}} if files.published else {}
+def published_by_id(path: str | Path) -> dict[str, PublishedClaim]:
+    """Return the printed claims of a file by their ids."""
+    return {claim.id: claim for claim in load_published(path)}

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 TEXTS = "texts.yaml"  # in the folder of a paper, and in that of the comparisons: captions and other words
 FLIGHTS = "montecarlo"  # the stage of which each Monte Carlo case has an artifact
-CHUNK, GATHER = f"{FLIGHTS}_chunk", f"{FLIGHTS}_gather"  # its two parts, of which chunks are jobs of their own
 
 
 def stage(*, claimed_in: tuple[str, ...] = ()) -> Callable:
@@ -24,7 +23,7 @@ def stage(*, claimed_in: tuple[str, ...] = ()) -> Callable:
 class Stage:
     """One cached computation, as its function declares it."""
 
-    entries: tuple[str, ...]  # "package.module:function"; what the first returns, the next one gathers
+    entries: tuple[str, ...]  # "package.module:function"; of chunks the first flies one, and the second joins all
     inputs: tuple[str, ...]  # that they read
     needs: tuple[str, ...]  # artifacts that they take
     meaning: str

@@ -9,8 +9,8 @@ function that it reaches and that takes a parameter annotated as `Planet`, or as
 source, by `replication/pipeline/fingerprints.py`, without importing what compiles.
 
 A stage has the name of its module if its function is called `compute`, else the function's. Studies beyond what a paper
-prints are in its package `beyond`. In the module `montecarlo`
-the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.
+prints are in its package `beyond`. In the module `montecarlo` the functions `simulate` and `gather`, which fly a chunk
+of a case and join all, are one stage.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, NamedTuple
 
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, GATHER, Paper, Product, Stage, entry_of
+from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, Product, Stage, entry_of
 from marsedl.replication.pipeline.fingerprints import Fingerprints
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 STAGE, PUBLISHED = "stage", "published"
 SKETCHES = "sketches"  # a paper's module of schematic drawings, which its module of figures imports
-_PARTS = {f"{FLIGHTS}:simulate": CHUNK, f"{FLIGHTS}:gather": GATHER}
+_OF_A_CASE = (f"{FLIGHTS}:simulate", f"{FLIGHTS}:gather")
 OTHERS = ("given", PUBLISHED, "measured", "chunks")  # what functions take beside sections and artifacts
 
 
@@ -54,14 +54,19 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
             raise InputError(f"{entry}: there is no such function, but {paper.slug} has it in its catalogue; write it")
         return taken_by(entry, functions[entry]["parameters"], model, entries, digests)
 
-    def stage_of(entry: str) -> Stage:
-        takes, function = taken_of(entry), functions[entry]
-        if unread := function["unread"].get(STAGE):
-            raise InputError(
-                f"{entry}: write {', '.join(unread)} of 'stage' as a literal: nothing is imported to read it"
-            )
-        settings, meaning = function["decorators"][STAGE], function["summary"].rstrip(".")
-        return Stage((entry,), takes.inputs, takes.needs, meaning, **settings)
+    def stage_of(name: str, of: tuple[str, ...]) -> Stage:
+        settings, inputs, needs = {}, set(), {}
+        for entry in of:
+            if unread := functions[entry]["unread"].get(STAGE):
+                raise InputError(
+                    f"{entry}: write {', '.join(unread)} of 'stage' as a literal: nothing is imported to read it"
+                )
+            takes = taken_of(entry)
+            inputs |= {*takes.inputs}
+            needs |= dict.fromkeys(takes.needs)
+            settings |= functions[entry]["decorators"][STAGE]
+        summary = functions[of[0]]["summary"] if name != FLIGHTS else "Fly the trials of a Monte Carlo case"
+        return Stage(of, tuple(sorted(inputs)), tuple(needs), summary.rstrip("."), **settings)
 
     def products_of(kind: str) -> dict[str, Product]:
         products = {}
@@ -73,17 +78,19 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
             products[stem] = replace(product, inputs=inputs, needs=needs, optional=optional, published=shows_printed)
         return products
 
-    stages = {name: stage_of(entry) for name, entry in entries.items()}
-    if CHUNK in stages:
-        stages[FLIGHTS] = _whole_case(stages[CHUNK], stages[GATHER])
+    stages = {name: stage_of(name, of) for name, of in entries.items()}
     in_order = {name: stages[name] for name in _in_order(paper.slug, stages)}
     return replace(paper, stages=in_order, figures=products_of("figures"), tables=products_of("tables"))
 
 
-def stage_entries(slug: str, digests: Fingerprints) -> dict[str, str]:
+def stage_entries(slug: str, digests: Fingerprints) -> dict[str, tuple[str, ...]]:
     """Return the functions of a paper that are stages, by the names of the stages."""
-    functions = _functions(slug, digests)
-    return {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
+    entries: dict[str, tuple[str, ...]] = {}
+    for entry, function in _functions(slug, digests).items():
+        if STAGE in function["decorators"]:
+            name = _stage_name(entry)
+            entries[name] = (*entries.get(name, ()), entry)
+    return entries
 
 
 def _functions(slug: str, digests: Fingerprints) -> dict[str, dict]:
@@ -124,25 +131,14 @@ def inputs_read(reads: Mapping[str, list[str]], sections: Mapping[str, type[Sect
 
 def _stage_name(entry: str) -> str:
     module, function = entry.rpartition(".")[2].split(":")
-    return _PARTS.get(f"{module}:{function}", module if function == "compute" else function)
-
-
-def _whole_case(simulate: Stage, gather: Stage) -> Stage:
-    """A whole case as one job."""
-    return replace(
-        simulate,
-        entries=simulate.entries + gather.entries,
-        inputs=tuple(sorted({*simulate.inputs, *gather.inputs})),
-        needs=tuple(dict.fromkeys(simulate.needs + gather.needs)),
-        meaning="Fly the trials of a Monte Carlo case",
-    )
+    return module if function == "compute" or f"{module}:{function}" in _OF_A_CASE else function
 
 
 def _in_order(slug: str, stages: Mapping[str, Stage]) -> list[str]:
-    """The names of the stages, none before one that it needs; parts of the Monte Carlo flights come last."""
+    """The names of the stages, none before one that it needs; the Monte Carlo flights come last."""
     needs = {name: {need.partition(".")[0] for need in stage.needs} for name, stage in sorted(stages.items())}
     try:
         order = list(TopologicalSorter(needs).static_order())
     except CycleError as error:
         raise InputError(f"{slug}: stages depend on each other in a circle: {' -> '.join(error.args[1])}") from None
-    return sorted(order, key=lambda name: name.startswith(FLIGHTS))
+    return sorted(order, key=lambda name: name == FLIGHTS)

@@ -40,7 +40,7 @@ MACHINERY = frozenset(
     for name in (
         *("errors", "files", "terminal", "records.fields", "records.store", "records.recipes", "records.differences"),
         *("pipeline.fingerprints", "pipeline.kernel_cache", "pipeline.numerics", "pipeline.libraries"),
-        *("pipeline.sharing", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
+        *("pipeline.sharing", "pipeline.products", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
     )
 )
 # What is said of a claim and measures nothing: by `claim(...)`, beside the reason; and what turns verdicts.

@@ -21,7 +21,7 @@ from marsedl.replication.records.recipes import write_record
 class Job:
     """One job, from the `snakemake` object that its script is given.
 
-    `made` is what the product is made from beside other products, as `pipeline/staleness.py` has it.
+    `made` is what the product is made from beside other products, as `pipeline/products.py` has it.
     """
 
     def __init__(self, snakemake):
@@ -33,11 +33,6 @@ class Job:
         self.paper, self.reading = wildcards.get("paper"), wildcards.get("reading")
         self._loaded: dict[tuple[str, type], object] = {}  # a file that readings share is loaded once
 
-    @property
-    def artifacts(self) -> list[str]:
-        """The job's input artifacts."""
-        return [path for path in self.input if path.endswith(".h5")]
-
     def given(self, values: Mapping[str, object] | None = None, files: Mapping[str, str] | None = None) -> Arguments:
         """Return what the job's function can ask for: inputs and artifacts.
 
@@ -46,7 +41,7 @@ class Job:
             files: artifacts by the name of the parameter; the job's input unless given.
 
         """
-        paths = {parameter_of(path): path for path in self.artifacts} if files is None else files
+        paths = {parameter_of(path): path for path in self.input.artifacts} if files is None else files
 
         def load(name: str, kind: type) -> object:
             if name == "chunks":
@@ -70,8 +65,12 @@ class Job:
         from marsedl.replication.records.recipes import recipe_digest
 
         for path, recipe in zip(self.output, self.made["recipes"], strict=True):
-            flown = None if "chunks" in self.input.keys() else recipe["options"]  # noqa: SIM118
-            artifact = computed(self.made["entries"], self.given(recipe["inputs"]), flown)
+            entries, options = self.made["entries"], recipe["options"]
+            if "chunk" in options:
+                entries = entries[:1]
+            elif self.input.get("chunks"):
+                entries = entries[1:]
+            artifact = computed(entries, self.given(recipe["inputs"]), options)
             provenance = {"recipe": recipe_digest(recipe), "size": self.made["size"]}
             store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 

@@ -118,7 +118,7 @@ class Run:
         """Return the declared stage of an artifact; raises InputError if there is none, or the case has no trials."""
         stage, _, case = name.partition(".")
         if stage not in self.paper.stages or bool(case) != (stage == FLIGHTS):
-            names = [name for name in self.paper.stages if not name.startswith(FLIGHTS)] + list(self.flown)
+            names = [name for name in self.paper.stages if name != FLIGHTS] + list(self.flown)
             raise InputError(f"{self.paper.slug} has no artifact '{name}'; {nearest(name, names)}")
         if case and name not in self.flown:
             raise InputError(f"{self.paper.slug}: case '{case}' has no trials; give it some, or ask for another case")
@@ -142,14 +142,15 @@ class Run:
 
 
 def computed(entries: Iterable[str], given: Arguments, flown: Mapping[str, object] | None = None) -> typing.Any:
-    """Return what a stage computes, in a run and in a job: what one of its functions returns, the next one gathers.
+    """Return what a stage computes, in a run and in a job: what one of its functions returns, the next one joins.
 
     flown: fields of `Flown`, for a stage that flies trials.
     """
     first, *following = map(function_of, entries)
-    record = given.call(first, **({"flown": Flown(**flown)} if flown else {}))
+    options = {"flown": Flown(**flown)} if flown else {}
+    record = given.call(first, **options)
     for function in following:
-        record = given.call(function, chunks=[record])
+        record = given.call(function, chunks=[record], **options)
     return record
 
 

@@ -6,11 +6,11 @@ edited, the next of the others owns a file of its own, which is computed again w
 """
 
 from collections.abc import Callable, Iterable
-from functools import cache, cached_property
+from functools import cache
 
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.readings import Study
-from marsedl.replication.pipeline.catalogue import CHUNK, FLIGHTS, Paper, whole_case
+from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, whole_case
 from marsedl.replication.records.recipes import recipe_digest
 
 ARTIFACTS = "data/cache/"
@@ -72,7 +72,7 @@ class Shared:
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
         own = reading in self.study.own_readings
-        stages = {name: stage for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)}
+        stages = {name: stage for name, stage in self.paper.stages.items() if name != FLIGHTS}
         names = [name for name, stage in stages.items() if own or reading in (stage.claimed_in or [reading])]
         names += [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
         return {name: self.file(reading, name) for name in names}
@@ -83,20 +83,15 @@ class Shared:
         number = min(self.study.chunks[case], blocks)
         return [f"chunks/{case}.{chunk}of{number}" for chunk in range(number)]
 
-    @cached_property
-    def scattered(self) -> frozenset[str]:
-        """The Monte Carlo cases that have several chunks in some reading."""
-        return frozenset(c for name, cases in self._flown.items() for c in cases if len(self.chunks(name, c)) > 1)
-
     def flown_together(self) -> dict[tuple[str, ...], list[str]]:
         """Return the readings by the cases that one job flies for each: those of few trials, if there are several."""
         groups: dict[tuple[str, ...], list[str]] = {}
         for reading, cases in self._flown.items():
             few = [case for case, trials in cases.items() if trials <= TOGETHER * self.paper.trials_per_block]
-            owned = [case for case in few if self.owner(reading, f"{FLIGHTS}.{case}") == reading]
-            alone = tuple(case for case in owned if case not in self.scattered)
-            if len(alone) > 1:
-                groups.setdefault(alone, []).append(reading)
+            whole = [case for case in few if len(self.chunks(reading, case)) == 1]
+            owned = tuple(case for case in whole if self.owner(reading, f"{FLIGHTS}.{case}") == reading)
+            if len(owned) > 1:
+                groups.setdefault(owned, []).append(reading)
         return groups
 
     def needs(self, reading: str, name: str) -> list[str]:
@@ -121,5 +116,5 @@ class Shared:
         if name.startswith("chunks/"):  # the case, and which chunk of how many
             chunk, _, count = part.partition("of")
             options = whole_case(stage, self._flown[reading][stage], self.paper)
-            return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}
+            return FLIGHTS, options | {"chunk": int(chunk), "chunks": int(count)}
         return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}

@@ -1,389 +1,67 @@
-"""What every product of a build is made from now, and which products were made from something else.
+"""Which products of a build are old: made from something else than they would be made from now, or edited since.
 
-A product's recipe holds what its job is given beside other products (inputs, digests of code and files, versions of
-libraries) and the digests of the recipes of those products (`needs`). An artifact keeps its recipe in its provenance.
-For all else, the job writes the digest of the recipe to a file below `RECORDS` when it ends, with those of its products
-as it wrote them. So a build knows what it was made from wherever it is copied, and Snakemake's own records may be lost.
+An artifact keeps its recipe in its provenance. For all else, the job writes the digest of the recipe to a file below
+`RECORDS` when it ends, with those of its products as it wrote them. So a build knows what it was made from wherever it
+is copied, and Snakemake's own records may be lost.
 """
 
-import hashlib
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict
-from functools import cache, cached_property
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
-from marsedl.replication.errors import ArtifactError, InputError, StaleError
-from marsedl.replication.inputs import CORRECTED, UNIVERSES
-from marsedl.replication.inputs.readings import Study, committed_inputs, counted_inputs
-from marsedl.replication.inputs.yaml_file import read_yaml
-from marsedl.replication.pipeline.catalogue import TEXTS, Paper, entry_of
-from marsedl.replication.pipeline.fingerprints import fingerprints_of
-from marsedl.replication.pipeline.libraries import versions_used
-from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
-from marsedl.replication.pipeline.sharing import ARTIFACTS, Shared, artifact_of
-from marsedl.replication.records.recipes import FORMAT, file_digest, read_record, recipe_changes, recipe_digest
-from marsedl.replication.sizes import FULL
-
-RECORDS = f"{ARTIFACTS}recipes/"  # beside the artifacts, as it is they that a copy of a build must have
-BENCHMARKS = "data/reference/benchmarks.csv"
-COMMITTED_RUNS = "data/reference/universes/"
-MEASURED_FROM = ("kind", "printed", "unit", "resolution", "trials", "input")  # of a printed claim, by what measures it
-_TEMPLATES = "src/marsedl/replication/report/templates"
+from marsedl.replication.errors import ArtifactError, StaleError
+from marsedl.replication.pipeline.products import Products
+from marsedl.replication.pipeline.sharing import ARTIFACTS
+from marsedl.replication.records.recipes import file_digest, read_record, recipe_changes
 
 
-class Made(NamedTuple):
-    """One job: its name, what it is given beside products, and the products that it takes."""
+def reason(products: Products, path: str, folder: Path, *, beside: bool = False) -> str:
+    """Say why a product of the build in a folder is not what would be made now; raises ArtifactError if damaged.
 
-    name: str  # of its record; artifacts have none
-    own: dict[str, object]
-    needs: list[str]
-
-
-class Recipes:
-    """The recipes of all products, which are named by their paths from the folder of the build on.
-
-    Only this class knows what a product depends on: the rules take their params from it.
+    beside: one that was made beside a user's own readings is good, too.
     """
+    if not (folder / path).exists():
+        return "is missing"
+    if path.startswith(ARTIFACTS):
+        from marsedl.replication.records.store import PROVENANCE, opened, provenance
 
-    def __init__(
-        self, root: Path, papers: dict[str, Paper], studies: dict[str, Study], comparisons: dict, size: str = FULL
-    ):
-        """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them."""
-        self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
-        self.sources = fingerprints_of(root)
-        self.job, self._reached = cache(self._job), cache(self._reached_by)
-        self._world = cache(self._world_of)  # not to be changed
-        self.shared = {slug: Shared(papers[slug], studies[slug], self._reached) for slug in papers}
-        self._committed, self._digests = committed_inputs(root), {}
+        with opened(folder / path) as file:  # not all of its provenance, which takes long to read
+            if file[PROVENANCE].attrs.get("recipe") == products.digest(path):
+                return ""
+        changes = recipe_changes(provenance(folder / path), products.job(path).own)
+        return f"was made from something else: {'; '.join(changes)}"
+    name, (digest, *_) = products.record(path)
+    if not (folder / name).exists():
+        return "has no record of what it was made from"
+    recipes, files = read_record(folder / name)
+    if digest not in recipes[: None if beside else 1]:
+        return "was made from other inputs or code"
+    for file, written in files.items():
+        if (folder / file).exists() and file_digest(folder / file) != written:
+            which = "" if file == path else f"goes with {file}, which "
+            return f"{which}was edited after its job wrote it{_of_another_paper(folder / file)}"
+    return ""
 
-    # --- products
 
-    def claimed(self, paper: str, reading: str) -> dict[str, str]:
-        """Return all artifacts of a reading that its claims use, by the name of the parameter that takes them."""
-        return {name.split(".")[-1]: path for name, path in self.shared[paper].claimed(reading).items()}
+def is_stale(products: Products, path: str, folder: Path) -> bool:
+    """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
+    try:
+        return (folder / path).exists() and bool(reason(products, path, folder))
+    except ArtifactError:
+        return False
 
-    def cache(self, paper: str) -> list[str]:
-        """Return all artifacts of a paper that its claims use."""
-        return sorted({path for name in self.studies[paper].built for path in self.claimed(paper, name).values()})
 
-    def products(self, paper: str) -> list[str]:
-        """Return all figures and tables of a paper that `snakemake all` makes."""
-        catalogue = self.papers[paper]
-        kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, "claims"], "csv md")
-        made = [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
-        return [*made, f"figures/{paper}/headline.png"]
+def own_changes(products: Products, path: str, folder: Path) -> str:
+    """Say what has changed since an artifact was made, but for the artifacts that it needs."""
+    from marsedl.replication.records.store import provenance
 
-    def compared(self) -> list[str]:
-        """Return all figures and tables of the comparison across papers."""
-        return [f"figures/comparison/{stem}.{ext}" for stem in self.comparisons for ext in ("png", "pdf", "csv", "md")]
+    return "; ".join(recipe_changes(provenance(folder / path), {**products.job(path).own, "needs": {}}))
 
-    def all(self) -> list[str]:
-        """Return what `snakemake all` makes, but for what these are made from."""
-        return ["report/index.html", "report/claims.json"] + [p for slug in self.papers for p in self.products(slug)]
 
-    # --- jobs
-
-    def _reached_by(self, script: str, *entries: str, measuring: tuple[str, ...] = ()) -> dict[str, str]:
-        """Digests of all code behind a job and of the settings of all jobs, and versions of the libraries in use.
-
-        measuring: claims of which only what measures counts, and not what is said.
-        """
-        settings = recipe_digest({"format": FORMAT, "environment": NUMERIC_ENVIRONMENT})
-        measured = [self.sources.measuring(*measuring)] if measuring else []
-        digests = [*map(self.sources.code, (script, *entries)), *measured, settings]
-        libraries = frozenset().union(*map(self.sources.libraries, (script, *entries, *measuring)))
-        return {"code": " ".join(digest[:16] for digest in digests), "libraries": versions_used(libraries)}
-
-    def _made(self, name: str, needs: Iterable[str], script: str, *entries: str, **own: object) -> Made:
-        """The job of a script that calls some functions."""
-        return Made(name, own | self._reached(script, *entries), [*needs])
-
-    def _file_digest(self, name: str) -> str:
-        """The digest of a file of the project; that of a committed run may be empty, as a paper need not have one."""
-        if name.startswith(COMMITTED_RUNS) and not (self.root / name).exists():
-            return ""
-        try:
-            return file_digest(self.root / name)
-        except OSError as error:
-            raise InputError(f"{self.root / name}: cannot be read ({error.strerror}); restore it") from None
-
-    def _job(self, path: str) -> Made:
-        """The job that makes a product; `job` remembers it."""
-        stem = path.rpartition("/")[2].rpartition(".")[0]
-        match path.split("/"):
-            case "data", *_:
-                paper, reading, name = artifact_of(path)
-                return Made("", self.shared[paper].recipe(reading, name), self.shared[paper].needs(reading, name))
-            case "report", "claims", _:
-                return self._claims(stem)
-            case "report", "counterexamples", _:
-                needs = [*sorted(self.claimed(stem, CORRECTED).values()), f"report/claims/{stem}.json"]
-                job = f"report/counterexamples/{stem}", needs, "counterexamples.py", *self._claims_entries(stem)
-                return self._made(*job, **self._judging(stem, [CORRECTED]))
-            case "report", "universes", name if name.endswith(".json"):
-                return self._what_decides(stem)
-            case "report", "points", _:
-                return self._points(stem)
-            case "report", "universes", "whole" | "waves", _:
-                return self._universes(stem.partition(".")[0], "whole/")
-            case "report", "universes", _:
-                return self._universes(stem.partition(".")[0])
-            case "report", "claims.json":
-                kinds = "claims", "counterexamples", "universes"
-                needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
-                return self._made("report/claims", needs, "all_claims.py")
-            case "report", *_:
-                return self._site()
-            case _, "comparison", _:
-                return self._comparison(stem)
-            case _, paper, folder, _ if folder == UNIVERSES:
-                return self._what_decides(paper)
-            case _, paper, "claims.csv" | "claims.md" | "headline.png":
-                return self._claims(paper)
-            case _, paper, *reading, _:
-                return self._product(paper, reading[0] if reading else CORRECTED, stem)
-
-    def _product(self, paper: str, reading: str, stem: str) -> Made:
-        """A figure, or all tables of equal needs, which one job makes."""
-        catalogue, kind, stems = self.papers[paper], "figures", [stem]
-        if stem not in catalogue.figures:
-            kind, stems = "tables", next(tables for tables in catalogue.tables_of_equal_needs() if stem in tables)
-        products = [catalogue.product(name) for name in stems]
-        inputs = {name for product in products for name in product.inputs}
-        printed = any(product.published for product in products)
-        return self._made(
-            f"figures/{paper}/{'' if reading == CORRECTED else f'{reading}/'}{stems[0]}",
-            self.shared[paper].files(reading, products[0].needs, products[0].optional).values(),
-            *(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
-            stems=stems,
-            inputs=self.shared[paper].inputs(reading, inputs),
-            printed=self._file_digest(f"data/published/{paper}.yaml") if printed else "",
-        )
-
-    def _comparison(self, stem: str) -> Made:
-        takes = self.comparisons[stem].takes
-        files = [self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()]
-        needs = [path for of_paper in files for path in of_paper.values()]
-        entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
-        inputs = {slug: self.shared[slug].inputs(CORRECTED, taken.inputs) for slug, taken in takes.items()}
-        return self._made(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
-
-    def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
-        """What claims are judged from in some readings."""
-        return {
-            "inputs": {name: self.shared[paper].values[name] for name in readings},
-            "artifacts": {name: self.claimed(paper, name) for name in readings},
-            "published": self._file_digest(f"data/published/{paper}.yaml"),
-            "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
-        }
-
-    def _claims_entries(self, paper: str) -> list[str]:
-        """A paper's claims with what they share."""
-        return self.sources.functions(f"marsedl.papers.{paper}.claims")
-
-    def _claims(self, paper: str) -> Made:
-        study = self.studies[paper]
-        judged = {
-            "known_errata": [erratum.id for erratum in self.papers[paper].errata],
-            # Verdicts count for the full size with the inputs that the committed verdicts were found with.
-            "require_reasons": self.size == FULL and self._committed.get(paper) == counted_inputs(study),
-            "left_out": sorted(study.readings.keys() - {*study.built, *study.points}),
-            "size": self.size,
-        }
-        needs = [*self.cache(paper), f"report/points/{paper}.json"]
-        job = f"report/claims/{paper}", needs, "claims.py", *self._claims_entries(paper)
-        beside = self.papers[paper].beside
-        return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
-
-    def _world_of(self, paper: str) -> dict[str, object]:
-        """What is the same for all universes and named readings of a paper: all stages, and what measures its claims.
-
-        Of what is printed and of choices, that is what functions are given, and no words.
-        """
-        stages = tuple(entry for stage in self.papers[paper].stages.values() for entry in stage.entries)
-        constraint = self.sources.functions(f"marsedl.papers.{paper}.admissible")
-        study, document = self.studies[paper], read_yaml(self.root / f"data/published/{paper}.yaml")
-        # A job refuses what is malformed.
-        published = [one for one in document.get("claims", ()) if isinstance(one, dict)]
-        return {
-            "inputs": {CORRECTED: self.shared[paper].values[CORRECTED]},
-            "choices": {one.name: one.sets() for one in study.choices},
-            "limits": [limits for limits, _ in study.limits],
-            "redrawn": [*study.universes.redrawn, study.universes.tries],
-            "size": self.size,
-            "own": study.own_choices,
-            "published": recipe_digest(
-                {one.get("id", ""): {key: one.get(key) for key in MEASURED_FROM} for one in published}
-            ),
-            "measured": self._file_digest(BENCHMARKS) if self.papers[paper].measured else "",
-            **self._reached(*stages, *constraint, measuring=tuple(self._claims_entries(paper))),
-        }
-
-    def _points(self, paper: str) -> Made:
-        """What the named readings of a paper give, which are evaluated in memory."""
-        inputs = {name: self.shared[paper].values[name] for name in (CORRECTED, *self.studies[paper].points)}
-        own = {"inputs": inputs, "points": [*inputs][1:], "script": self.sources.code("points.py")}
-        return Made(f"report/points/{paper}", self._world(paper) | own, [])
-
-    def _universes(self, paper: str, whole: str = "") -> Made:
-        """A paper's universes: what they are computed from, whichever they are (`world`), and which ones.
-
-        They are a sample of the committed run, if that is of the same world, else a few; `whole` are all that a new run
-        begins with.
-        """
-        given, study = self._world(paper), self.studies[paper]
-        world, script = recipe_digest(given), self.sources.code("universes_chunk.py")
-        which = {"designs": list(study.designs)}
-        if whole:
-            which["designs"] = [study.whole, None, None]
-        elif numbers := self._sample(paper, world, script):
-            run = f"{COMMITTED_RUNS}{paper}.h5"
-            which = {"sample": numbers, "files": {run: self._file_digest(run)}}
-        return Made(f"report/universes/{whole}{paper}", given | which | {"world": world, "script": script}, [])
-
-    def _sample(self, paper: str, world: str, script: str) -> list[int]:
-        """The numbers of universes of the committed run that a build computes again; none if it is of another world.
-
-        They are drawn by digests of the run and of the code that computes universes: another version sees other ones,
-        and what is said of claims costs none.
-        """
-        from marsedl.replication.records.store import PROVENANCE, opened
-
-        name = f"{COMMITTED_RUNS}{paper}.h5"
-        if not (self.root / name).exists():
-            return []
-        with opened(self.root / name) as file:
-            if file[PROVENANCE].attrs.get("world") != world:
-                return []
-            numbers = [int(number) for number in file["number"][()]]
-        drawn = f"{self._file_digest(name)} {script}"
-        by_chance = sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())
-        return sorted(by_chance[: self.studies[paper].universes.sample])
-
-    def _what_decides(self, paper: str) -> Made:
-        """What is said of a paper's claims by its table of universes, or by the committed one, and by its readings."""
-        study = self.studies[paper]
-        return self._made(
-            f"report/universes/{paper}_what_decides",
-            [f"report/universes/{paper}.h5", f"report/claims/{paper}.json"],
-            *("what_decides.py", *self._claims_entries(paper)),
-            size=self.size,
-            own=study.own_choices,
-            choices={one.name: asdict(one) for one in study.choices},
-            errata=[erratum.id for erratum in self.papers[paper].errata],
-            published=self._file_digest(f"data/published/{paper}.yaml"),
-            committed=self._file_digest(f"{COMMITTED_RUNS}{paper}.h5"),
-        )
-
-    def _site(self) -> Made:
-        of_papers = [need for paper in self.papers for need in self.products(paper) + self.cache(paper)]
-        of_papers += [f"report/universes/{paper}.json" for paper in self.papers]
-        packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
-        templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
-        files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
-        return self._made(
-            *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py"),
-            size=self.size,
-            readings={paper: self._described(paper) for paper in self.papers},
-            files={name: self._file_digest(name) for name in files},
-            catalogues={paper: self.sources.code(f"marsedl.papers.{paper}:PAPER") for paper in self.papers},
-        )
-
-    def _described(self, paper: str) -> dict[str, dict]:
-        """A paper's readings for the report: what they are for, every input as it is written, its source."""
-        return {
-            name: {
-                "summary": reading.summary,
-                "based_on": reading.based_on,
-                "frozen": bool(reading.frozen),
-                "inputs": {key: [source.key, source.written, source.source] for key, source in reading.sources.items()},
-            }
-            for name, reading in self.studies[paper].readings.items()
-        }
-
-    # --- recipes and records
-
-    def digest(self, path: str) -> str:
-        """Return the digest of a product's recipe, see `replication/records/recipes.py`."""
-        name, own, needs = self.job(path)
-        key = name or path
-        if key not in self._digests:
-            recipe = own if not name else {**own, "needs": {need: self.digest(need) for need in needs}}
-            self._digests[key] = recipe_digest(recipe)
-        return self._digests[key]
-
-    def record(self, path: str) -> tuple[str, list[str]]:
-        """Return the file in which a product's job records what it was made from, and the digests for it.
-
-        Behind that of the product's recipe stands the one that it has without a user's own readings: what it says of
-        the others does not change with them.
-        """
-        digests, own = [self.digest(path)], {name for study in self.studies.values() for name in study.own_readings}
-        if own and own.isdisjoint(path.split("/")):
-            digests.append(self._of_the_project.digest(path))
-        return f"{RECORDS}{self.job(path).name}.txt", digests
-
-    @cached_property
-    def _of_the_project(self) -> "Recipes":
-        """The recipes without a user's own readings."""
-        studies = {slug: study.without_own_readings() for slug, study in self.studies.items()}
-        return Recipes(self.root, self.papers, studies, self.comparisons, self.size)
-
-    def reason(self, path: str, folder: Path, *, beside: bool = False) -> str:
-        """Say why a product of the build in a folder is not what would be made now; raises ArtifactError if damaged.
-
-        beside: one that was made beside a user's own readings is good, too.
-        """
-        if not (folder / path).exists():
-            return "is missing"
-        if path.startswith(ARTIFACTS):
-            from marsedl.replication.records.store import PROVENANCE, opened, provenance
-
-            with opened(folder / path) as file:  # not all of its provenance, which takes long to read
-                if file[PROVENANCE].attrs.get("recipe") == self.digest(path):
-                    return ""
-            changes = recipe_changes(provenance(folder / path), self.job(path).own)
-            return f"was made from something else: {'; '.join(changes)}"
-        name, (digest, *_) = self.record(path)
-        if not (folder / name).exists():
-            return "has no record of what it was made from"
-        recipes, products = read_record(folder / name)
-        if digest not in recipes[: None if beside else 1]:
-            return "was made from other inputs or code"
-        for product, written in products.items():
-            if (folder / product).exists() and file_digest(folder / product) != written:
-                which = "" if product == path else f"goes with {product}, which "
-                return f"{which}was edited after its job wrote it{_of_another_paper(folder / product)}"
-        return ""
-
-    def is_stale(self, path: str, folder: Path) -> bool:
-        """Whether a product is there but is not what would be made now; a damaged one speaks for itself when read."""
-        try:
-            return (folder / path).exists() and bool(self.reason(path, folder))
-        except ArtifactError:
-            return False
-
-    def own_changes(self, path: str, folder: Path) -> str:
-        """Say what has changed since an artifact was made, but for the artifacts that it needs."""
-        from marsedl.replication.records.store import provenance
-
-        return "; ".join(recipe_changes(provenance(folder / path), {**self.job(path).own, "needs": {}}))
-
-    def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:
-        """Yield products with all that they are made from, nothing before what it needs."""
-        seen = set() if seen is None else seen
-        for path in targets:
-            if path not in seen:
-                seen.add(path)
-                yield from self.behind(self.job(path).needs, seen)
-                yield path
-
-    def check(self, targets: Iterable[str], folder: Path, command: str) -> None:
-        """Raise StaleError, which names the command to run, if a product or one behind it is not up to date."""
-        for path in self.behind(targets):
-            if reason := self.reason(path, folder, beside=True):
-                raise StaleError(f"{folder / path} {reason}; the build is not up to date, run '{command}'")
+def check(products: Products, targets: Iterable[str], folder: Path, command: str) -> None:
+    """Raise StaleError, which names the command to run, if a product or one behind it is not up to date."""
+    for path in products.behind(targets):
+        if why := reason(products, path, folder, beside=True):
+            raise StaleError(f"{folder / path} {why}; the build is not up to date, run '{command}'")
 
 
 def _of_another_paper(path: Path) -> str:

@@ -120,15 +120,17 @@ def finite(values: Any) -> Any:
 def quantities(artifact_type: type) -> dict[str, Quantity]:
     """Return the declared fields of an artifact type by name, with their types and labels.
 
+    `inherited`, a dictionary of an artifact type, declares fields anew that it has from another one.
+
     Raises ArtifactError if it is no dataclass or if a field is not declared with `quantity`.
     """
     if not dataclasses.is_dataclass(artifact_type):
         raise ArtifactError(f"{artifact_type!r} is not an artifact type: make it a frozen dataclass of quantities")
-    declared = {}
+    declared, inherited = {}, getattr(artifact_type, "inherited", {})
     for field in dataclasses.fields(artifact_type):
         if "quantity" not in field.metadata:
             raise ArtifactError(f"{artifact_type.__name__}.{field.name} has no unit: declare it with quantity(...)")
-        described = field.metadata["quantity"]
+        described = inherited.get(field.name, field.metadata["quantity"])
         annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
         declared[field.name] = dataclasses.replace(
             described,

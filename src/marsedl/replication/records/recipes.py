@@ -51,7 +51,7 @@ def write_record(record: str | Path, digests: Iterable[str], products: Iterable[
     """Record what the products of a job are made from: the digests of recipes, then each file with its own.
 
     The first digest is that of the products' recipe; those behind it are of recipes that give the same to others, see
-    `Recipes.record`.
+    `Products.record`.
     """
     lines = [" ".join(digests), *(f"{file_digest(Path(path))} {path}" for path in products)]
     write_text(record, "\n".join(lines) + "\n")

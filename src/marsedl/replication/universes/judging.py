@@ -33,7 +33,7 @@ from marsedl.replication.inputs.choices import MISPRINT, SETTING, WITHHELD, Choi
 from marsedl.replication.inputs.readings import Study, load_study
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.catalogue import Paper
-from marsedl.replication.pipeline.staleness import COMMITTED_RUNS
+from marsedl.replication.pipeline.products import COMMITTED_RUNS
 from marsedl.replication.records import store
 from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
 from marsedl.replication.universes.table import (

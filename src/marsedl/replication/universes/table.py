@@ -29,8 +29,8 @@ from marsedl.replication.inputs.readings import Reading, Study, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
+from marsedl.replication.pipeline.products import BENCHMARKS
 from marsedl.replication.pipeline.runner import Memory, Run
-from marsedl.replication.pipeline.staleness import BENCHMARKS
 from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantities, quantity, record
 from marsedl.replication.sizes import FULL
@@ -366,6 +366,13 @@ def changed(large: Universes, small: Universes) -> dict[int, str]:
                 found[number] = f"has another {name} of {second[0][place]}{second[1][place]}"
                 break
     return found
+
+
+def require_same(run: str | Path, table: Universes, paper: str) -> None:
+    """Raise MarsedlError if universes of a table have other bits than in the committed run of a file."""
+    if moved := changed(store.load(run, Universes, paper=paper), table):
+        differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
+        raise MarsedlError(f"{run} is not what this project computes: {differing}; run 'snakemake multiverse'")
 
 
 def coded(choices: Choices, universe: Universe) -> list[float]:

@@ -24,9 +24,7 @@ def compute(given: Inputs, nominal: Nominal) -> Convergence:
         varied = given.model_copy(update={"guidance": longer, "mission": on_nodes})
         laws = _design(varied, nominal)
         flown = Flown("aerocapture", given.simulation.paper_trials, ensembles.BLOCK_SIZE)
-        trials = montecarlo.gather(
-            given.planet, given.mission, [montecarlo.simulate(varied, nominal, laws, flown=flown)]
-        )
+        trials = montecarlo.gather(varied, [montecarlo.simulate(varied, nominal, laws, flown=flown)])
         percentile, error = zip(*(delta_v_percentile(trials, law) for law in range(len(trials.delta_v))), strict=True)
         change = np.abs(np.diff(laws.control, axis=0)).max(axis=1)
         rows.append(
