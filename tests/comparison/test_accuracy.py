@@ -86,17 +86,6 @@ def test_linear_flights_of_the_funnels_have_the_predicted_deviations():
     assert [row.unit for row in rows] == ["m", "m", "m", "m/s", "rad", "rad"]
 
 
-def test_the_figure_holds_every_ratio_and_the_near_ones_again(flights):
-    near = accuracy.deviations("near", QUANTITIES, np.sqrt(np.diag(COVARIANCE)), flights)
-    far = accuracy.deviations("far", QUANTITIES, 1e-3 * np.sqrt(np.diag(COVARIANCE)), flights)
-    full_range, close = accuracy.figure({"funnels": near, "desensitized": far}).axes
-    ratios = [line.get_xdata()[0] for line in full_range.lines if len(line.get_xdata()) == 1]
-    assert ratios == pytest.approx([row.ratio for row in near + far])
-    marks = [line for line in close.lines if line.get_marker() in accuracy.MARKS.values() and len(line.get_xdata())]
-    assert [line.get_xdata()[0] for line in marks] == pytest.approx([row.ratio for row in near])
-    assert [label.get_text() for label in full_range.get_yticklabels()] == ["funnels: near", "desensitized: far"]
-
-
 def test_the_table_has_a_row_for_each_and_says_how_many_were_lost(flights):
     rows = accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], flights)
     table = accuracy.table({"funnels": rows})

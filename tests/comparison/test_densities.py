@@ -82,13 +82,6 @@ def test_the_reference_is_one_and_the_powered_descent_has_no_atmosphere(records)
     assert (in_flight[10.0], in_flight[50.0]) == (False, True)
 
 
-def test_the_figure_draws_four_means_and_three_spreads_and_names_all_five(records):
-    figure = densities.figure(records)
-    means, spreads = figure.axes
-    lines = [line for line in means.lines if len(line.get_xdata())]
-    assert len(lines) == 2 * 4, "thin everywhere, thick where it is flown"
-    assert np.nanmin(lines[1].get_ydata()[np.isfinite(lines[1].get_xdata())]) == 20.0
-    assert len(spreads.lines) == 3, "the desensitized paper knows its density"
-    (legend,) = figure.legends
-    assert len(legend.get_texts()) == len(NAMES)
-    assert "no atmosphere" in legend.get_texts()[0].get_text()
+def test_the_figure_names_all_five(records):
+    (legend,) = densities.figure(records).legends
+    assert len(legend.get_texts()) == len(NAMES) and "no atmosphere" in legend.get_texts()[0].get_text()

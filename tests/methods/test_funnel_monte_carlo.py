@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
+from dubins_car import dubins
+from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import (
     boundary_deviations,
     fly,
@@ -11,7 +12,6 @@ from marsedl.methods.funnels.monte_carlo import (
     quadratic_values,
     uniform_directions,
 )
-from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
 
 
@@ -37,25 +37,9 @@ def oscillator(half_periods=4, steps=40):
     return around_zero(lambda i, x, u, w: (x[1], w[0] - x[0]), time, 2, 1)
 
 
-def car(steps=400, wind=0.03):
+def car(steps=400):
     """The Dubins car of the paper's second figure with its regulator."""
-    time = np.linspace(0, 4.0, steps + 1)
-    states, controls = reference_on_half_steps(
-        lambda x, u: dubins_car_rates(*x, *u, 1.0),
-        time,
-        lambda t: 0.8 * np.sin(np.pi * t / 2)[:, None],
-        [0, 0, 0],
-    )
-    state_matrices, control_matrices = np.zeros((steps, 3, 3)), np.zeros((steps, 3, 1))
-    state_matrices[:, 0, 2], state_matrices[:, 1, 2] = -np.sin(states[1::2, 2]), np.cos(states[1::2, 2])
-    control_matrices[:, 2, 0] = 1.0
-    regulator = tvlqr(state_matrices, control_matrices, np.diff(time), np.eye(3), np.eye(1), 2 * np.eye(3))
-
-    def rates(half_index, state, control, disturbance):
-        x, y, turn = dubins_car_rates(*state, *control, 1.0)
-        return x + wind * disturbance[0], y + wind * disturbance[1], turn
-
-    return ClosedLoop(rates, time, states, controls, at_half_steps(regulator.gains), 2), regulator.values
+    return dubins(0.03, every=1, steps=steps)[:2]
 
 
 def test_directions_are_uniform_on_the_sphere():
@@ -162,7 +146,7 @@ def plain_flight(loop, start):
 
 
 def test_a_car_without_wind_comes_back_to_its_path():
-    loop, matrices = car(wind=0.0)
+    loop, matrices = car()
     start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 1000, 3))
     values = fly(loop, matrices, start, np.zeros((1000, 2)))
     # Of the linear loop V falls by the running cost; at this size the car is still like it.

@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dubins_car import dubins
 from marsedl.methods.funnels.ascent import maximize
-from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
+from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import additive_growth, linear_exact, slice_jacobians
 from marsedl.methods.funnels.recursion import (
     Funnel,
@@ -22,8 +23,6 @@ from marsedl.methods.sos import verification
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
-from marsedl.methods.tvlqr import at_half_steps, tvlqr
-from marsedl.models.dynamics.dubins_car import dubins_car_rates
 
 CALM, WINDY = well_chosen_design(Spheres((3,)), 1), well_chosen_design(Spheres((3, 2)), 1)
 
@@ -35,30 +34,6 @@ def generator(seed):
 def unit(count, size, seed):
     vectors = generator(seed).standard_normal((count, size))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def dubins(wind=0.0, every=4, steps=80, duration=4.0):
-    """A Dubins car on an S-shaped path, the values of its regulator at `every`-th fine step, and these steps."""
-    time = np.linspace(0, duration, steps + 1)
-    states, controls = reference_on_half_steps(
-        lambda state, control: dubins_car_rates(*state, *control, 1.0),
-        time,
-        lambda t: 0.8 * np.sin(2 * np.pi * t / duration)[:, None],
-        np.zeros(3),
-    )
-    headings = states[1::2, 2]
-    state_matrices = np.zeros((steps, 3, 3))
-    state_matrices[:, 0, 2], state_matrices[:, 1, 2] = -np.sin(headings), np.cos(headings)
-    control_matrices = np.tile([[0.0], [0.0], [1.0]], (steps, 1, 1))
-    regulator = tvlqr(state_matrices, control_matrices, np.diff(time), np.eye(3), np.eye(1), 2 * np.eye(3))
-
-    def rates(half_index, state, control, disturbance):
-        x, y, heading = dubins_car_rates(*state, *control, 1.0)
-        return (x + wind * disturbance[0], y + wind * disturbance[1], heading) if wind else (x, y, heading)
-
-    loop = ClosedLoop(rates, time, states, controls, at_half_steps(regulator.gains), 2 if wind else 0)
-    slices = np.arange(0, steps + 1, every)
-    return loop, regulator.values[slices], slices
 
 
 def scalar_loop(rate, disturbances=0, steps=40, duration=1.0):
@@ -115,17 +90,10 @@ def test_initial_level_is_the_least_that_contains_the_initial_set():
         initial_level(shape, -initial_set)
 
 
-def test_dubins_funnels_have_the_levels_of_an_independent_computation():
-    """By another sums-of-squares form and other software; quarters of the path."""
-    calm, windy = dubins(0.0, 10, 400), dubins(0.03, 10, 400)
-    for problem, design, condition, levels in (
-        (calm, CALM, "flow", [0.15, 0.12126, 0.09450, 0.07003, 0.04668]),
-        (calm, CALM, "euler", [0.15, 0.12060, 0.09509, 0.07023, 0.04690]),
-        (windy, WINDY, "flow", [0.15, 0.15368, 0.14927, 0.13601, 0.10962]),
-    ):
-        funnel = forward(*problem, 0.15, design, StageRule(condition=condition))
-        np.testing.assert_allclose(funnel.rho[::10], levels, atol=6e-6)
-    linear = linear_exact(*slice_jacobians(calm[0], calm[2])[:2], calm[1], 0.15)
+def test_linear_levels_of_the_dubins_car_are_those_of_an_independent_computation():
+    """At quarters of the path; those of the funnels are held in tests/papers/test_funnels_dubins.py."""
+    loop, shapes, slices = dubins(0.0, 10, 400)
+    linear = linear_exact(*slice_jacobians(loop, slices)[:2], shapes, 0.15)
     np.testing.assert_allclose(linear[::10], [0.15, 0.11973, 0.09293, 0.06875, 0.04583], atol=6e-6)
 
 

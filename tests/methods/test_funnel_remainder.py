@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
+from dubins_car import dubins
+from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.recursion import FunnelError
 from marsedl.methods.funnels.remainder import (
     _enclosures,
@@ -17,8 +18,6 @@ from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
-from marsedl.methods.tvlqr import at_half_steps, tvlqr
-from marsedl.models.dynamics.dubins_car import dubins_car_rates
 
 SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
 NEXT_SHAPE = np.array([[2.2, 0.4], [0.4, 1.1]])
@@ -44,29 +43,6 @@ PENDULUM = resting_loop(pendulum_rates)
 
 
 @functools.cache
-def dubins():
-    """Dubins car in wind under its regulator, with the values of the cost-to-go as shapes."""
-    steps, duration, speed = 80, 4.0, 1.0
-    time = np.linspace(0, duration, steps + 1)
-    states, controls = reference_on_half_steps(
-        lambda x, u: dubins_car_rates(*x, u[0], speed),
-        time,
-        lambda t: 0.8 * np.sin(2 * np.pi * t / duration)[:, None],
-        np.zeros(3),
-    )
-    headings = states[1::2, 2]
-    state_matrices, control_matrices = np.zeros((steps, 3, 3)), np.zeros((steps, 3, 1))
-    state_matrices[:, 0, 2], state_matrices[:, 1, 2] = -speed * np.sin(headings), speed * np.cos(headings)
-    control_matrices[:, 2, 0] = 1.0
-    regulator = tvlqr(state_matrices, control_matrices, np.diff(time), np.eye(3), np.eye(1), 2 * np.eye(3))
-
-    def rates(half_index, state, control, disturbance):
-        x_rate, y_rate, turn = dubins_car_rates(*state, control[0], speed)
-        return x_rate + 0.03 * disturbance[0], y_rate + 0.03 * disturbance[1], turn
-
-    return ClosedLoop(rates, time, states, controls, at_half_steps(regulator.gains), 2), regulator.values
-
-
 def ball_points(sizes, count, seed, inside):
     random = np.random.Generator(np.random.Philox(seed))
     blocks = []
@@ -95,7 +71,7 @@ def polished(function, points, sizes, inside, rounds=60):
 def test_polynomials_of_the_enclosure_are_those_of_the_stage():
     for loop, shapes, first, last, sizes in [
         (PENDULUM, (SHAPE, NEXT_SHAPE), 0, 4, (2, 2)),
-        (dubins()[0], dubins()[1][[0, 2]], 0, 2, (3, 2)),
+        (dubins(0.03, every=1)[0], dubins(0.03, every=1)[1][[0, 2]], 0, 2, (3, 2)),
     ]:
         stage = FunnelStage(loop, first, last, *shapes, 0.1)
         points = ball_points(sizes, 30, 1, inside=True)
@@ -226,7 +202,7 @@ def test_rises_of_a_quadratic_polynomial_are_exact():
 
 
 def test_levels_of_proven_stages_hold_at_every_node():
-    loop, shapes = dubins()
+    loop, shapes, _ = dubins(0.03, every=1)
     shapes = np.array(shapes)
     design = well_chosen_design(covering_spheres(loop), 1)
     stages = list(proven_stages(loop, shapes, [0, 4, 8], 0.15, design))
@@ -274,7 +250,7 @@ def test_stages_that_cannot_be_proven_are_named(level, spheres, order, message):
 
 
 def test_stage_of_the_dubins_car_in_wind():
-    loop, shapes = dubins()
+    loop, shapes, _ = dubins(0.03, every=1)
     rho, first, last = 0.15, 40, 42
     design = well_chosen_design(Spheres((3, 2)), 1)
     stage = FunnelStage(loop, first, last, shapes[first], shapes[last], rho)

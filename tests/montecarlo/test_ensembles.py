@@ -5,7 +5,6 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import pytest
 
@@ -131,34 +130,6 @@ def test_a_flight_equals_plain_numpy():
     np.testing.assert_array_equal(paths.final_state, paths.history[-1])
     # the maximum of some trials lies between outputs, or the running maximum would not be tested
     assert (paths.observed_maximum[0] > paths.observed[:, 0].max(axis=0)).any()
-
-
-def test_results_do_not_depend_on_the_number_of_threads():
-    available = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        alone = simulate_block(0, 1000)
-        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
-        assert_identical(alone, simulate_block(0, 1000))
-    finally:
-        numba.set_num_threads(available)
-
-
-@pytest.mark.parametrize("first", [7, 2 * LANES + 3])
-def test_results_do_not_depend_on_the_lane(first):
-    whole = simulate_block(0, 300)
-    shifted = simulate_block(first, 300)
-    np.testing.assert_array_equal(shifted.history, whole.history[..., first:])
-    np.testing.assert_array_equal(shifted.observed_maximum, whole.observed_maximum[..., first:])
-
-
-@pytest.mark.parametrize("trial", [0, 63, 64])
-def test_replay_of_one_trial(trial):
-    whole = simulate_block(0, 300)
-    alone = simulate_block(trial, trial + 1)
-    assert alone.outcome.shape == (1,)
-    for field in fields(Trajectories):
-        np.testing.assert_array_equal(getattr(alone, field.name)[..., 0], getattr(whole, field.name)[..., trial])
 
 
 def test_coarse_steps_follow_the_brownian_path_of_the_fine_ones():

@@ -4,6 +4,7 @@ import inspect
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ import pytest
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.claims.printed import load_published
-from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.claims.verdicts import judge
+from marsedl.replication.claims.writing import claims_of, turned
 from marsedl.replication.inputs.readings import load_study
 from marsedl.replication.inputs.sections import by_section
 from marsedl.replication.pipeline.catalogue import Flown
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.runner import computed
+from marsedl.replication.universes.table import EVALUATED
 
 ROOT = Path(__file__).parents[2]
 TRIALS = 2000
@@ -216,10 +219,31 @@ class Pipeline:
             **others,
         )
 
-    def product(self, kind, stem, reading, artifacts, **others):
+    def turned(self, artifacts, evaluated, **further):
+        """What turns every counted claim of `corrected`, None if nothing does; evaluated: its claims from artifacts."""
+        published, claims = published_of(self.paper.slug), claims_of(self.paper.slug)
+        rows = []
+        for name, claim in published.items():
+            if claim.kind in EVALUATED and evaluated[name] is not None:
+                verdict = judge(claim, evaluated[name], claims.declarations[name]).verdict
+                rows.append(SimpleNamespace(id=name, kind=claim.kind, verdict=verdict, readings={}))
+        given = Arguments(self.inputs("corrected").values, lambda name, kind: artifacts.get(name))
+        return turned(claims, rows, given, published, **further)
+
+    def figure(self, stem, reading="corrected", artifacts=None, inputs=None, **others):
+        """A figure of a reading from the artifacts that the catalogue declares; artifacts, inputs: others in place."""
+        needs = {need.rpartition(".")[2]: need for need in self.paper.figures[stem].needs}
+        records = {
+            name: self.ensemble(reading, name) if need.startswith("montecarlo") else self.stage(name, reading)
+            for name, need in needs.items()
+            if name not in (artifacts or {})
+        }
+        return self.product("figures", stem, reading, records | (artifacts or {}), inputs, **others)
+
+    def product(self, kind, stem, reading, artifacts, changes=None, **others):
         """What the function of a figure or table returns, from artifacts by name; kind: figures or tables."""
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.{kind}"), stem)
-        inputs = self.inputs(reading, self.paper.product(stem).inputs).values
+        inputs = self.inputs(reading, self.paper.product(stem).inputs, **(changes or {})).values
         return Arguments(inputs, lambda name, kind: artifacts.get(name)).call(function, **others)
 
 

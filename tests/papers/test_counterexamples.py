@@ -6,7 +6,7 @@ import pytest
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.checks.reference import NOT_TURNED
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, UNDECIDED
+from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.committed import committed_verdicts, read_reference
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.writing import claims_of
@@ -34,6 +34,15 @@ def test_a_paper_has_a_headline_of_four_to_six_counted_claims(slug):
     assert len(headline) in (4, 5, 6)
     verdicts = committed_verdicts(ROOT, slug)
     assert {verdicts[claim.id]["corrected"] for claim in headline} <= set(COUNTED_VERDICTS)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_what_cannot_fail_is_refuted_in_no_reading(slug):
+    """In none of the readings of which the reference has verdicts."""
+    verdicts = committed_verdicts(ROOT, slug)
+    for name, declared in claims_of(slug).declarations.items():
+        if declared.by_construction:
+            assert not set(verdicts[name].values()) & {*REFUTED_VERDICTS, UNDECIDED}, name
 
 
 @pytest.mark.parametrize("slug", [path.stem for path in sorted((ROOT / COMMITTED).glob("*.h5"))])

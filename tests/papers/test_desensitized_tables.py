@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from invented import invented
 from marsedl.papers import catalogue
 from marsedl.papers.desensitized import tables
 from marsedl.papers.desensitized.records import (
@@ -27,7 +28,7 @@ DEGREE = np.pi / 180.0
 DASH = "–"
 READINGS = ("printed", "corrected", "one_reversal", "single_weight", "mixed_units", "feedback_tuned")
 PRINTED_WEIGHTS = np.array([0.0, 0.001, 0.01, 0.1, 1.0, np.nan, np.nan])
-# Extents of the dimensions that must fit together; any other has two.
+# Extents of the dimensions that must fit together; any other has three.
 EXTENTS = {
     "rows": 7,
     "law": 6,
@@ -40,23 +41,6 @@ EXTENTS = {
 }
 
 
-def made_up(kind, seed=1, extents=None, **values):
-    """An artifact of a type with random numbers in the fields that are not given."""
-    sizes, generator = EXTENTS | (extents or {}), np.random.default_rng(seed)
-
-    def values_of(declared):
-        shape = tuple(extent if isinstance(extent, int) else sizes.get(extent, 2) for extent in declared.dims)
-        if declared.dtype == "str":
-            return np.full(shape, "words") if shape else "words"
-        if declared.dtype == "bool":
-            return generator.random(shape) < 0.5
-        if declared.dtype.startswith("int"):
-            return np.asarray(generator.integers(1, 9, shape))[()]
-        return np.asarray(generator.uniform(0.1, 9.0, shape))[()]
-
-    return kind(**{name: values_of(declared) for name, declared in quantities(kind).items()} | values)
-
-
 def tradeoff(seed=1, **values):
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (7, 3))
     given = {
@@ -66,11 +50,13 @@ def tradeoff(seed=1, **values):
         "branch": np.array(["2 reversals", "1 reversal"]),
         "row_branch": np.array([0, 0, 1, 1, 1, 1, 1]),
     }
-    return made_up(Tradeoff, seed, **given | values)
+    return invented(Tradeoff, EXTENTS, seed, **given | values)
 
 
 def gains(**values):
-    return made_up(Gains, 2, **{"law": np.array(LAWS), "ended": np.array([f"way {k}" for k in range(6)])} | values)
+    return invented(
+        Gains, EXTENTS, 2, **{"law": np.array(LAWS), "ended": np.array([f"way {k}" for k in range(6)])} | values
+    )
 
 
 def responses(**values):
@@ -79,17 +65,17 @@ def responses(**values):
         "drawn_error": np.array([200.0, 1000.0, 200.0]),
         "compared_error": np.array([1070.0, -930.0]),
     }
-    return made_up(Responses, 3, **given | values)
+    return invented(Responses, EXTENTS, 3, **given | values)
 
 
 def ensemble(**values):
     noise = np.random.default_rng(4).standard_normal((6, 40, 3))
     given = {"law": np.array(LAWS), "outcome": np.zeros((6, 40), np.int8), "final_error": 300.0 * noise}
-    return made_up(FlightEnsemble, 4, **given | values)
+    return invented(FlightEnsemble, EXTENTS, 4, **given | values)
 
 
 def minimum_fuel(**values):
-    return made_up(MinimumFuel, 9, {"bound": 2, "solution": 3}, **{"solution": np.array(SOLUTIONS)} | values)
+    return invented(MinimumFuel, EXTENTS | {"bound": 2, "solution": 3}, 9, **{"solution": np.array(SOLUTIONS)} | values)
 
 
 ARTIFACTS = {

@@ -4,7 +4,6 @@ Funnels and flights are real ones with fewer slices and trials, where most verdi
 studies beside them are stand-ins with what claims look at.
 """
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,11 +16,9 @@ from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, montecarlo
 from marsedl.papers.funnels.beyond import open_loop
 from marsedl.papers.funnels.claims import measures, sec5_results
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
-from marsedl.replication.claims.verdicts import collect, judge
-from marsedl.replication.claims.writing import claims_of, turned
+from marsedl.replication.claims.verdicts import judge
+from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.pipeline.catalogue import Flown
-from marsedl.replication.pipeline.injection import Arguments
 
 ROOT = Path(__file__).parents[2]
 PAPER = catalogue("funnels")
@@ -30,27 +27,6 @@ READINGS = ("corrected", "printed")
 FEWER = {"steps_per_slice": 8, "ascent_starts": 60, "ascent_polished": 1, "tightness_polished": 1}
 TRIALS = {"constant": 300, "redrawn": 60, "adversarial": 20}
 DECLARATIONS = claims_of("funnels").declarations
-FAILS = {
-    *("gram_45_follows_from_d1", "stage_condition_bounds_step"),
-    *("rescaled_points_on_bk", "stationary_w_as_samples"),
-    *("first_peak", "end_expansion", "funnel_is_tight", "guaranteed_bounds"),
-    *("multiplier_prohibitive", "cheaper_than_monte_carlo"),
-}
-UNDETERMINED = {
-    *(
-        "sampling_reduces_cost",
-        "end_high_velocity_changes",
-        "increased_landing_accuracy",
-        "hermite_conditioning",
-    ),  # words
-    *("thermal_constraint_funnel", "reaches_goal_region"),  # by a limit of our own
-}
-# What cannot be otherwise: identities, and slips of the paper's text.
-BY_CONSTRUCTION = {
-    *("gram_size", "gram_dimension_eq2", "gram_45_with_additive_disturbances", "volume_objective"),
-    *("initial_containment", "bk_is_algebraic_variety", "rescaled_w_on_boundary"),
-    *("w_gradient_formula", "no_distribution_assumed", "thermal_constraint_nominal"),
-}
 MEASURED = (
     *(sec5_results.BY_SAMPLES, *sec5_results.BY_COEFFICIENTS),
     *(sec5_results.SAME_SOLVER, sec5_results.OVER_FLIGHTS, sec5_results.MINUTE_OVER_FLIGHTS),
@@ -145,50 +121,6 @@ def evaluate(funnels, records_of, few_slices):
     return of
 
 
-@pytest.fixture(scope="module")
-def evaluations(evaluate):
-    return {name: evaluate(name) for name in READINGS}
-
-
-@pytest.fixture(scope="module")
-def rows(funnels, funnels_published, evaluations):
-    claim_rows = collect(
-        list(funnels_published.values()),
-        DECLARATIONS,
-        evaluations,
-        known_errata={erratum.id for erratum in PAPER.errata},
-        left_out=funnels.study.readings.keys() - set(READINGS),
-    )
-    return {row.id: row for row in claim_rows}
-
-
-# --- verdicts ---------------------------------------------------------------------------------------------------------
-
-
-def test_verdicts_of_the_corrected_reading(rows):
-    for name, row in rows.items():
-        if row.kind in ("qualitative", "deterministic"):
-            expected = "undetermined" if name in UNDETERMINED else "fails" if name in FAILS else "holds"
-            assert row.verdict == ("by_construction" if name in BY_CONSTRUCTION else expected), name
-            assert row.verdict != "fails" or row.errata or DECLARATIONS[name].choices, name
-            assert bool(row.by_construction) == (name in BY_CONSTRUCTION), name
-
-
-def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(rows, records_of):
-    def verdict(name):
-        return rows[name].readings["printed"].verdict
-
-    for name in (
-        *("fig4_samples_cover_sublevel_set", "tvlqr_as_lyapunov", "taylor_for_nonpolynomial"),
-        *("mc_inside_funnel", "sos_above_mc", "interpolation_between_slices"),  # levels that say nothing hold nothing
-        "greedy_needed",  # with the points of Eq. 26 no level depends on the one before
-    ):
-        assert (verdict(name), rows[name].verdict) == ("fails", "holds"), name
-    assert (verdict("first_peak"), verdict("guaranteed_bounds")) == ("fails", "fails")
-    assert records_of["printed"]["funnel"].level.max() > 1e6
-    assert "not compared with the motion" in str(rows["taylor_for_nonpolynomial"].readings["printed"].evidence)
-
-
 def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
     new_evaluations = evaluate(measured={})
     assert np.isnan(new_evaluations["funnel_run_time"].value)
@@ -200,37 +132,16 @@ def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
 # --- the tests of statements can fail, and those that fail can hold ---------------------------------------------------
 
 
-def test_counted_claims_have_counterexamples(rows):
-    counted = {name for name, row in rows.items() if row.verdict in COUNTED_VERDICTS and row.kind != UNDECIDED}
-    with_counterexample = {name for name, marked in claims_of("funnels").declarations.items() if marked.counterexample}
-    assert with_counterexample == counted
+FLOWN = ("funnel", "constant", "adversarial", "open_loop", "dubins_wind", "nominal")
+REAL = (*FLOWN, "mission", "vehicle", "recursion", "measured")
 
 
-def test_what_cannot_fail_is_refuted_in_no_reading():
-    """In none of the readings of which the reference has verdicts."""
-    reference = json.loads((ROOT / "data" / "reference" / "funnels.json").read_text())
-    for name, declared in DECLARATIONS.items():
-        if declared.by_construction:
-            assert not set(reference[f"verdicts/{name}"].values()) & {*REFUTED_VERDICTS, UNDECIDED}, name
-
-
-REAL = ("funnel", "constant", "adversarial", "open_loop", "dubins_wind", "nominal")
-
-
-def test_counterexamples_turn_verdicts(funnels, records_of, rows, funnels_published):
+def test_counterexamples_turn_verdicts(funnels, records_of, evaluate):
     """Of claims on funnels and flights; those on studies are turned by the workflow, from whole artifacts."""
     records = records_of["corrected"] | stand_ins(records_of["corrected"]["funnel"])
-    claims = claims_of("funnels")
-    values = funnels.study.readings["corrected"].inputs.plain()
-    given = Arguments(values, lambda name, _: records.get(name))
-    judged = [
-        row
-        for name, row in rows.items()
-        if (marked := claims.declarations.get(name)) and marked.counterexample and row.verdict in COUNTED_VERDICTS
-        if marked.counterexample.target.partition(".")[0] in (*REAL, "mission", "vehicle", "recursion", "measured")
-    ]
-    found = turned(claims, judged, given, funnels_published, measured=TIMES)
-    assert len(found) > 12 and not [name for name, change in found.items() if change is None]
+    found = funnels.turned(records, evaluate(), measured=TIMES)
+    real = {name for name in found if DECLARATIONS[name].counterexample.target.partition(".")[0] in REAL}
+    assert len(real) > 12 and not [name for name in real if found[name] is None]
 
 
 def test_bounds_are_judged_by_the_motion_that_passes_them(records_of, evaluate, funnels_published):

@@ -144,17 +144,6 @@ def _integral(values, times):
     return np.concatenate([[0.0], np.cumsum(pieces)])
 
 
-@pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
-def test_flights_stay_inside_and_come_near(car, number, wind):
-    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
-    start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
-    values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
-    largest = values.max(axis=1)
-    level = np.interp(np.arange(401), car.slice_step, car.level[number])
-    assert (largest <= level * (1 + 1e-9)).all()
-    assert 0.75 < largest[-1] / level[-1] < 0.9
-
-
 def test_a_funnel_that_does_not_exist_says_so(funnels):
     with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
         funnels.inputs("corrected", **SHORT, dubins_level=1e9).call(dubins.compute)
@@ -173,12 +162,6 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
     small = boundary_deviations(short.shape[0], 1e-10, uniform_directions(generator(), 20_000, 3))
     grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
     assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
-
-
-def test_backwards_returns_to_the_start_from_below(short, study):
-    assert study.backward_level[-1] == short.level[FLOW, -1]
-    assert (study.backward_level <= short.level[FLOW]).all()
-    assert (1.0 - study.backward_level / short.level[FLOW]).max() < 2 * dubins_study.BACKWARD_TOLERANCE * 10
 
 
 def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):

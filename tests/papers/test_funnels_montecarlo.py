@@ -3,7 +3,7 @@
 Expected numbers are those of an independent study of the paper with other random numbers.
 """
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -202,30 +202,6 @@ def test_flights_without_feedback_are_the_same_flights_but_for_it(funnels, input
     assert under.max() < 0.9 * ends.max()
     without, with_feedback = result.linear_half_width.max(axis=1)
     assert with_feedback < 0.9 * without and 0.5 * without < ends.max() < 1.1 * without
-
-
-@pytest.mark.parametrize("case", FLOWN)
-def test_results_do_not_depend_on_chunks(inputs_and_records, case):
-    whole = ensemble_of(inputs_and_records, case, 60, 20)
-    inputs, *needed = inputs_and_records
-    chunks = [inputs.call(montecarlo.simulate, *needed, flown=Flown(case, 60, 20, chunk, 3)) for chunk in (2, 0, 1)]
-    scattered = inputs.call(montecarlo.gather, *needed, chunks)
-    for field in fields(whole):
-        np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
-    larger = ensemble_of(inputs_and_records, case, 100)
-    for name in ("final_state", "observed_maximum", "outcome"):
-        np.testing.assert_array_equal(getattr(larger, name)[:60], getattr(whole, name), err_msg=name)
-
-
-@pytest.mark.parametrize(("case", "number"), [("constant", 0), ("adversarial", 33)])
-def test_a_trial_flown_alone_is_that_of_the_ensemble(inputs_and_records, case, number):
-    ensemble = ensemble_of(inputs_and_records, case)
-    report = replayed(inputs_and_records, case, number, ensemble)
-    assert report.startswith(f"trial {number} of {case}: flown to the end") and "the same to the last bit" in report
-    assert f"{ensemble.final_state[number, 0]:18.12g}" in report
-    other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
-    assert "DIFFERS" in replayed(inputs_and_records, case, number, other)
-    assert "bit" not in replayed(inputs_and_records, case, number)
 
 
 # --- what is outside --------------------------------------------------------------------------------------------------

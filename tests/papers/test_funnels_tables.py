@@ -6,6 +6,7 @@ The artifacts are made up, of the declared shapes, so that no table can hide beh
 import numpy as np
 import pytest
 
+from invented import invented
 from marsedl.papers import catalogue
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
@@ -15,7 +16,6 @@ from marsedl.papers.funnels.records import (
     Proven,
     StageStudy,
 )
-from marsedl.replication.records.fields import quantities
 from marsedl.replication.records.tables import csv_text, write_table
 
 PAPER = catalogue("funnels")
@@ -23,54 +23,38 @@ PAPER = catalogue("funnels")
 DEGREE, RADIUS = np.pi / 180.0, 3389.5e3
 SLICES, STAGES = 13, 12
 STEPS = 5 * np.arange(SLICES)
-# Extents of the dimensions that must fit together; any other has two.
+# Extents of the dimensions that must fit together; any other has three.
 EXTENTS = {"slices": SLICES, "stages": STAGES, "time": 61, "nodes": 61, "trials": 40, "observed": 3, "final": 8}
-
-
-def made_up(kind, seed=1, extents=None, **values):
-    """An artifact of a type with random numbers in the fields that are not given."""
-    sizes, generator = EXTENTS | (extents or {}), np.random.default_rng(seed)
-
-    def values_of(declared):
-        shape = tuple(extent if isinstance(extent, int) else sizes.get(extent, 2) for extent in declared.dims)
-        if declared.dtype == "str":
-            return np.full(shape, "words") if shape else "words"
-        if declared.dtype == "bool":
-            return generator.random(shape) < 0.5 if shape else True
-        if declared.dtype.startswith("int"):
-            return generator.integers(1, 9, shape)
-        return generator.uniform(0.1, 9.0, shape)
-
-    return kind(**{name: values_of(declared) for name, declared in quantities(kind).items()} | values)
+EXTENTS |= {"studied": 2, "variety": 2, "coarse": 2, "repeats": 10}
 
 
 def funnel(**values):
     given = {"step": STEPS, "tightness_stage": np.array([1, 12]), "outcome": "complete"}
-    return made_up(Funnel, 1, **given | values)
+    return invented(Funnel, EXTENTS, 1, **given | values)
 
 
 def linear_bounds(**values):
-    return made_up(LinearBounds, 3, {"time": 61}, **values)
+    return invented(LinearBounds, EXTENTS, 3, **values)
 
 
 def ensemble(seed=4, **values):
-    return made_up(FlightEnsemble, seed, {"repeats": 10}, **values)
+    return invented(FlightEnsemble, EXTENTS, seed, **values)
 
 
 def stage_study(**values):
     given = {"basis_rank": np.array([27, 0]), "product_rank": np.array([182, 0])}
-    return made_up(StageStudy, 5, **given | values)
+    return invented(StageStudy, EXTENTS, 5, **given | values)
 
 
 def proven(**values):
-    return made_up(Proven, 7, **{"step": STEPS} | values)
+    return invented(Proven, EXTENTS, 7, **{"step": STEPS} | values)
 
 
 MAKERS = {
     "funnel": funnel,
     "linear_bounds": linear_bounds,
     "stage_study": stage_study,
-    "coarse_funnels": lambda: made_up(CoarseFunnels, 15, coarse_step=np.array([0, 8])),
+    "coarse_funnels": lambda: invented(CoarseFunnels, EXTENTS, 15, coarse_step=np.array([0, 8])),
     "proven": proven,
     "constant": ensemble,
     "redrawn": lambda: ensemble(11),

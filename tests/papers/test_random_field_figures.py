@@ -1,47 +1,26 @@
 """The figures of the random-field paper hold the right curves; nothing here looks at pixels."""
 
 import inspect
+from functools import cache
 from math import erf
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.colors import same_color
 
+from drawn import curves
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
-from marsedl.papers.random_field import components, environment, figures
+from marsedl.papers.random_field import figures
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE
-
-DRAWN = 12  # trials, see the fixtures
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY
 
 
 @pytest.fixture(scope="module")
 def draw(random_field):
-    """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it; changed ones on demand."""
-    figure_of = {}
-
-    def made_of(stem, reading):
-        return {
-            need.split(".")[-1]: random_field.ensemble(reading, need.split(".")[1])
-            if need.startswith("montecarlo")
-            else random_field.stage(need, reading)
-            for need in random_field.paper.figures[stem].needs
-        }
-
-    def draw_once(stem, reading="corrected", artifacts=None, **changes):
-        function = getattr(figures, stem)
-        inputs = random_field.inputs(reading, random_field.paper.figures[stem].inputs, **changes)
-        if artifacts or changes:
-            return inputs.call(function, **made_of(stem, reading) | (artifacts or {}))
-        if (stem, reading) not in figure_of:
-            figure_of[stem, reading] = inputs.call(function, **made_of(stem, reading))
-        return figure_of[stem, reading]
-
-    return draw_once
+    return cache(random_field.figure)
 
 
 @pytest.fixture
@@ -52,16 +31,6 @@ def inputs_of(random_field):
         return random_field.inputs(reading, random_field.paper.figures[stem].inputs, **changes)
 
     return inputs
-
-
-def curves(axes, color=None, style=None, least=3):
-    """Lines with data (those of a legend have none), of a colour and a style if given."""
-    lines = [line for line in axes.lines if len(line.get_xdata()) >= least]
-    return [
-        line
-        for line in lines
-        if (color is None or same_color(line.get_color(), color)) and style in (None, line.get_linestyle())
-    ]
 
 
 def band(axes, along=0):
@@ -77,7 +46,8 @@ def test_every_figure_draws_with_few_flights_and_without_laws(draw, random_field
     """One flight and one sample; the printed reading, whose partition gives no law and whose flights are all lost."""
     flown = "aerocapture" in inspect.signature(getattr(figures, stem)).parameters
     one = {"aerocapture": random_field.ensemble(trials=1)} if flown else {}
-    draw(stem, artifacts=one, drawn_samples=1, example_positions=np.ones(1), example_values=np.zeros(1))
+    few = {"drawn_samples": 1, "example_positions": np.ones(1), "example_values": np.zeros(1)}
+    random_field.figure(stem, artifacts=one, inputs=few)
     figure = draw(stem, "printed")
     figure.draw_without_rendering()
     for labelled in (Axes.get_xlabel, Axes.get_ylabel):
@@ -130,44 +100,11 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
     np.testing.assert_allclose(before.ravel(), fields.root(covariance) @ normal_numbers.ravel(), atol=1e-9)
 
 
-# --- the field and the process ----------------------------------------------------------------------------------------
-
-
-def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field):
-    nominal = random_field.nominal()
-    field, path, _, process = draw("fig03").axes
-    (nominal_curve,) = curves(path, BLACK, "-")
-    np.testing.assert_allclose(nominal_curve.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
-    for color in (BLUE, ORANGE, GREEN):
-        (sample,), (process_curve,) = curves(field, color, "-"), curves(process, color, "-")
-        expected = np.interp(nominal_curve.get_ydata(), sample.get_ydata(), sample.get_xdata())
-        np.testing.assert_allclose(process_curve.get_ydata(), expected, rtol=1e-9, atol=1e-12)
-        (places,), (times,) = (curves(axes, color, "None") for axes in (field, process))
-        np.testing.assert_array_equal(places.get_xdata(), times.get_ydata())
-        np.testing.assert_array_equal(times.get_xdata(), np.arange(0, 400, 50))
-        np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *nominal_curve.get_xydata().T))
-
-
-def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
-    axes, apart = draw("fig10").axes
-    altitude, lower, upper = band(axes, along=1)
-    np.testing.assert_array_equal(lower, -upper)
-    percent = 50 * np.interp([0, 30, 45, 60, 80, 100, 120, 125], altitude, upper)
-    np.testing.assert_allclose(percent, [1.92, 4.06, 5.90, 8.58, 14.15, 23.33, 38.47, 38.47], atol=0.006)
-    samples = curves(axes, BLUE)
-    assert len(samples) == inputs_of("fig10").drawn_samples
-    inside = [(np.abs(line.get_xdata()) <= np.interp(line.get_ydata(), altitude, upper)).mean() for line in samples]
-    assert 0.85 < np.mean(inside) < 1.0
-    distance = 1.2 * max(np.abs(line.get_xdata()).max() for line in samples)
-    for number, (line, sample) in enumerate(zip(curves(apart, BLUE), samples, strict=True), start=1):
-        np.testing.assert_allclose((line.get_xdata() - number) * distance, sample.get_xdata(), atol=1e-9)
-
-
 # --- double integrator ------------------------------------------------------------------------------------------------
 
 
-def test_fig04_band_is_constant_and_samples_repeat_with_the_period(draw):
-    (axes,) = draw("fig04", drawn_samples=500).axes
+def test_fig04_band_is_constant_and_samples_repeat_with_the_period(random_field):
+    (axes,) = random_field.figure("fig04", inputs={"drawn_samples": 500}).axes
     position, lower, upper = band(axes)
     np.testing.assert_allclose(upper, 2 * np.sqrt(2e-6))
     np.testing.assert_allclose(lower, -2 * np.sqrt(2e-6))
@@ -226,17 +163,9 @@ def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
 
 # --- flights of the aerocapture ---------------------------------------------------------------------------------------
 
-LAWS = 4  # open loop and three iterations
-
-
-def bars(container):
-    """Ends of the error bars of a container, (bars, 2)."""
-    segments = container.lines[2][0].get_segments()
-    return np.array([segment[:, 1] if len(segment) else [np.nan, np.nan] for segment in segments])
-
 
 def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field):
-    for reading, laws in (("corrected", LAWS), ("printed", 1)):
+    for reading, laws in (("corrected", 4), ("printed", 1)):
         ensemble, panels = random_field.ensemble(reading), draw("fig12", reading).axes
         assert len(panels) == laws
         for number, axes in enumerate(panels):
@@ -262,88 +191,6 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
         assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)
 
 
-def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_field):
-    (axes,) = draw("fig13").axes
-    gains = random_field.gains()
-    assert len(axes.containers) == LAWS - 1
-    for number, (container, steps) in enumerate(zip(axes.containers, axes.patches, strict=True), start=1):
-        np.testing.assert_array_equal(steps.get_data().values, gains.control[number])
-        np.testing.assert_array_equal(steps.get_data().edges, gains.partition)
-        spread = 3 * gains.design_control_deviation[number][:, np.newaxis]
-        np.testing.assert_allclose(bars(container), gains.control[number][:, np.newaxis] + spread * [-1, 1])
-        assert np.abs(bars(container)).max() == pytest.approx(1.0, abs=1e-3)  # active, and never violated
-        places = np.array([segment[0, 0] for segment in container.lines[2][0].get_segments()])
-        assert ((places > gains.partition[:-1]) & (places < gains.partition[1:])).all()
-
-
-STATES = (("altitude", 0, 1e3), ("velocity", 1, 1.0), ("flight_path_angle", 2, np.pi / 180))
-
-
-@pytest.mark.parametrize(("stem", "number"), [("fig14", 0), ("fig15", 3)])
-def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, number):
-    panels, gains, ensemble = draw(stem).axes, random_field.gains(), random_field.ensemble()
-    nodes = [int(np.flatnonzero(gains.time == time)[0]) for time in gains.partition]
-    for axes, (name, component, unit) in zip(panels, STATES, strict=False):
-        nominal = getattr(gains, name)[number]
-        trials, bounds = curves(axes, GREY, least=50), curves(axes, BLUE, "--", least=50)
-        assert len(trials) == DRAWN
-        for line, trial in zip(trials, ensemble.kept_history[number], strict=True):
-            np.testing.assert_allclose(line.get_ydata() * unit + nominal, trial[:, component])
-        deviation = np.sqrt(ensemble.covariance[number, :, component, component])
-        for sign, line in zip((-1, 1), bounds, strict=True):
-            expected = ensemble.mean[number, :, component] + sign * 3 * deviation
-            np.testing.assert_allclose(line.get_ydata() * unit + nominal, expected)
-        (container,) = axes.containers
-        ends = bars(container)
-        np.testing.assert_allclose(
-            np.diff(ends)[:, 0] * unit, 6 * np.sqrt(gains.covariance[number, :, component, component])
-        )
-        offset = 3397e3 if component == 0 else 0.0
-        middle = gains.reference[number, :, component] - offset - nominal[nodes]
-        np.testing.assert_allclose(ends.mean(axis=1) * unit, middle, rtol=1e-9, atol=1e-6)
-        assert np.abs(ends).max() < axes.get_ylim()[1] == -axes.get_ylim()[0]
-    # Commands hold for an interval; stars are their mean and three standard deviations before the limits.
-    control = panels[-1]
-    stars = [line for line in control.lines if line.get_marker() == "*" and len(line.get_xdata())]
-    mean = ensemble.mean[number, nodes[:-1], components.BANK_COSINE]
-    deviation = np.sqrt(ensemble.covariance[number, nodes[:-1], components.BANK_COSINE, components.BANK_COSINE])
-    for sign, line in zip((-1, 0, 1), stars, strict=True):
-        np.testing.assert_array_equal(line.get_xdata(), gains.partition[:-1])
-        np.testing.assert_allclose(line.get_ydata(), mean + sign * 3 * deviation)
-    assert all(line.get_drawstyle() == "steps-post" for line in curves(control, GREY, least=50))
-    np.testing.assert_allclose(np.diff(bars(control.containers[0]))[:, 0], 6 * gains.control_deviation[number])
-
-
-def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(draw, random_field):
-    inputs, ensemble = random_field.inputs("corrected"), random_field.ensemble()
-    profile = environment.profile(inputs.air)
-    deviations = []
-    for axes, number in zip(draw("fig16").axes, (0, LAWS - 1), strict=True):
-        trials = curves(axes, GREY, least=50)
-        for line, trial in zip(trials, ensemble.kept_history[number], strict=True):
-            density = np.exp(profile(trial[:, components.ALTITUDE])[0])
-            np.testing.assert_allclose(line.get_ydata(), density * trial[:, components.VELOCITY] ** 2 / 2e3, rtol=1e-6)
-        nominal = axes.lines[-1]
-        assert same_color(nominal.get_color(), BLACK) and len(nominal.get_xdata()) == len(ensemble.time)
-        lower, upper = curves(axes, BLUE, "--", least=50)
-        deviations.append((upper.get_ydata() - lower.get_ydata())[ensemble.time == 150.0][0] / 6)
-    assert deviations[1] > 3 * deviations[0]
-
-
-def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
-    (axes,) = draw("fig17").axes
-    gains, kernel = random_field.gains(), environment.kernel(random_field.inputs("corrected").air)
-    lower, upper = curves(axes, BLACK, ":")
-    np.testing.assert_array_equal(lower.get_ydata(), -upper.get_ydata())
-    expected = [3 * np.sqrt(kernel(altitude, altitude)) for altitude in gains.altitude[-1]]
-    np.testing.assert_allclose(upper.get_ydata(), expected)
-    flown_lower, flown_upper = curves(axes, BLUE, "--")
-    error = 3 / np.sqrt(2 * random_field.ensemble().count[-1])
-    sampled = (flown_upper.get_ydata() - flown_lower.get_ydata()) / 2
-    np.testing.assert_allclose(sampled, upper.get_ydata(), rtol=0.04 + error)
-    assert len(curves(axes, GREY)) == DRAWN
-
-
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
@@ -362,16 +209,3 @@ def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random
     assert below == pytest.approx(sides[0], rel=0.02) and above == pytest.approx(sides[1], rel=0.02)
     assert slopes["linear, mean"] == pytest.approx((below + above) / 2)
     assert below < 0 < above
-
-
-def test_delta_v_map_passes_through_the_flights(draw, random_field):
-    ensemble, left = random_field.ensemble(), draw("delta_v_map").axes[0]
-    (flight_points,) = curves(left, GREY, "None", least=100)
-    np.testing.assert_array_equal(flight_points.get_ydata(), ensemble.delta_v[0][:3000])
-    # The curve passes through the flights: delta-v is all but a function of the apoapsis.
-    curve = next(line for line in curves(left, BLACK, "-", least=50))
-    inside = (flight_points.get_xdata() > curve.get_xdata()[0]) & (flight_points.get_xdata() < curve.get_xdata()[-1])
-    miss = np.interp(flight_points.get_xdata()[inside], *curve.get_data()) - flight_points.get_ydata()[inside]
-    assert np.abs(miss).max() < 0.1 * (
-        flight_points.get_ydata()[inside].max() - flight_points.get_ydata()[inside].min()
-    )

@@ -1,16 +1,16 @@
-"""The flights through random fields: against plain numpy, their limits and ends, steps, and how they are run."""
+"""The flights through random fields: against plain numpy, their limits and ends, and steps."""
 
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
+from equations import aerocapture
 from marsedl.models import atmosphere, random_field
 from marsedl.models.density_table import read_density_table
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
@@ -91,12 +91,6 @@ def fly(air, law, trials=100, initial=ENTRY, inputs=INPUTS, **options):
     return flight.fly(settings(air, inputs), air, law, states, **options)
 
 
-def assert_identical(first, second, trials=slice(None)):
-    """Every array of both, where trials picks those of the second that the first has."""
-    for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name)[..., trials], err_msg=name)
-
-
 # ---- the oracle ------------------------------------------------------------------------------------------------------
 
 
@@ -167,18 +161,9 @@ class Oracle:
 
     def rates(self, x, u):
         """Eqs. 71."""
-        r, v, gamma = x.T
-        density = self.mean_density(r - RADIUS)
-        density *= np.maximum(1 + self.variation(r - RADIUS), self.inputs.density_floor)
-        b_c, l_over_d = self.inputs.ballistic_coefficient, self.inputs.lift_to_drag
-        return np.stack(
-            [
-                v * np.sin(gamma),
-                -density * v**2 / (2 * b_c) - MU * np.sin(gamma) / r**2,
-                density * v * l_over_d / (2 * b_c) * u - (MU / r**2 - v**2 / r) * np.cos(gamma) / v,
-            ],
-            axis=1,
-        )
+        altitude = x[:, 0] - RADIUS
+        density = self.mean_density(altitude) * np.maximum(1 + self.variation(altitude), self.inputs.density_floor)
+        return aerocapture(x.T, u, density).T
 
     def store(self, x, u):
         altitude = x[:, 0] - RADIUS
@@ -234,30 +219,13 @@ def test_dynamic_pressure_of_the_actual_density(air):
     np.testing.assert_array_equal(np.delete(actual, row, axis=1), np.delete(nominal, row, axis=1))
 
 
-def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
-    control = 0.1 * np.cos(np.arange(14.0))
-    law = flight.open_loop(PARTITION, control)
-    calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
-    oracle = np.array(Oracle(calm, law, ENTRY, 1).states)[:, 0]
-    time, states = flight.propagate_nominal(settings(air), air, law, ENTRY, time_step=STEP)
-    np.testing.assert_allclose(time, np.linspace(0.0, 400.0, 801), rtol=1e-15)
-    np.testing.assert_allclose(states, oracle, rtol=1e-10)
-    thinned = flight.propagate_nominal(settings(air), air, law, ENTRY, time_step=STEP, every=25)
-    np.testing.assert_array_equal(thinned[0], time[::25])
-    np.testing.assert_array_equal(thinned[1], states[::25])
-
-
 def test_flights_are_of_fourth_order_in_the_step():
     """In an exponential atmosphere, against an adaptive method of eighth order."""
     air = exponential_air(0.02, 9e3)
     partition, control = np.array([0.0, 80.0, 160.0, 240.0]), np.array([0.3, -0.5, 0.2])
 
     def rates(_, x, u):
-        r, v, gamma = x
-        flux = 0.02 * np.exp(-(r - RADIUS) / 9e3) * v / 300.0
-        gravity = MU / r**2
-        slope = 0.2 * flux * u - (gravity - v**2 / r) * np.cos(gamma) / v
-        return v * np.sin(gamma), -flux * v - gravity * np.sin(gamma), slope
+        return aerocapture(x, u, 0.02 * np.exp(-(x[0] - RADIUS) / 9e3))
 
     exact = ENTRY
     for start, end, u in zip(partition[:-1], partition[1:], control, strict=True):
@@ -269,29 +237,6 @@ def test_flights_are_of_fourth_order_in_the_step():
         error[step] = np.abs(trajectories.final_state[: components.FLOORED, 0] - (exact - [RADIUS, 0.0, 0.0]))
     for coarse in (4.0, 2.0):
         np.testing.assert_allclose(np.log2(error[coarse] / error[coarse / 2]), 4.0, atol=0.3)
-
-
-def test_in_vacuum_energy_and_angular_momentum_stay(air):
-    vacuum = air._replace(log_density=np.full(311, -2000.0), log_density_slope=np.zeros(311))
-    trajectories = fly(vacuum, flight.open_loop(PARTITION, np.ones(14)))
-    h, v, gamma = trajectories.history[:, :3].swapaxes(0, 1)
-    energy, momentum = v**2 / 2 - MU / (RADIUS + h), (RADIUS + h) * v * np.cos(gamma)
-    # Truncation: (angle of a step)^4, (1e-3 rad)^4.
-    np.testing.assert_allclose(energy, energy[0, 0], rtol=1e-11)
-    np.testing.assert_allclose(momentum, momentum[0, 0], rtol=1e-11)
-    assert h.min() < 60e3  # it did move
-
-
-# ---- aerocapture: nothing depends on how it is run -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("first", [5, 199])
-def test_a_trial_alone_is_that_of_the_block(air, law, first):
-    states = ENTRY + normals(SEED, flight.INITIAL_STREAM, range(200), 3) * [300.0, 1.0, 1e-4]
-    block = fly(air, law, initial=states)
-    for count in (1, 70):
-        trials = slice(first, min(first + count, 200))
-        assert_identical(fly(air, law, initial=states[trials], first_trial=first), block, trials)
 
 
 # ---- aerocapture: limits and bad ends --------------------------------------------------------------------------------
@@ -325,44 +270,10 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
     final = mixed.final_state[:, steep]
     assert (final[components.ALTITUDE] < 0.0).all() and np.isfinite(final).all()
     assert (mixed.length[steep] < 801).all() and np.isfinite(mixed.observed_maximum).all()
-    for trial in np.flatnonzero(steep)[:4]:
-        length = mixed.length[trial]
-        stored = mixed.history[:, :, trial]
-        assert (stored[:length, components.ALTITUDE] >= 0.0).all()
-        assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
-        assert np.isnan(mixed.observed[length:, :, trial]).all()
-    few = fly(air, law, initial=states, every=50)
-    np.testing.assert_array_equal(few.final_state, mixed.final_state)
-    at = np.searchsorted(flight.outputs(law, 1, STEP), flight.outputs(law, 50, STEP))
-    np.testing.assert_array_equal(few.length, (at[:, np.newaxis] < mixed.length).sum(axis=0))
-
-
-def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, law):
-    states = np.tile(ENTRY, (70, 1))
-    healthy = fly(air, law, initial=states)
-    states[[3, 66], components.VELOCITY] = 1e300  # its square is infinite
-    trajectories, unspoiled = fly(air, law, initial=states), np.delete(np.arange(70), [3, 66])
-    assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
-    for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-        np.testing.assert_array_equal(
-            getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
-        )
-
-
-@pytest.mark.parametrize("strength", [0.0, 1.0, 1e17])
-@pytest.mark.parametrize("start", [ENTRY, STEEP])
-def test_compiled_flights_are_those_of_the_functions_as_written(air, law, start, strength, monkeypatch):
-    """Bit for bit, without feedback, within and beyond the limits of the bank cosine, and to the ground."""
-    law, options = law._replace(gain=strength * law.gain), {"time_step": 1.0, "every": 5, "first_trial": 77}
-    compiled = fly(air, law, 1, start, **options)
-    monkeypatch.setattr(flight.AEROCAPTURE, "fly", partial(flight.AEROCAPTURE.fly_in_python, trial=77))
-    assert_identical(fly(air, law, 1, start, **options), compiled)
-    assert compiled.outcome == (CRASHED if start is STEEP else COMPLETED)
-
-
-def test_a_start_that_is_not_finite_is_refused(air, law):
-    with pytest.raises(ValueError, match=r"start\.velocity of trial 1 is nan"):
-        fly(air, law, initial=np.array([ENTRY, [ENTRY[0], np.nan, ENTRY[2]]]))
+    trial = np.flatnonzero(steep)[0]
+    length, stored = mixed.length[trial], mixed.history[:, :, trial]
+    assert (stored[:length, components.ALTITUDE] >= 0.0).all()
+    assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
 
 
 # ---- double integrator -----------------------------------------------------------------------------------------------
@@ -453,24 +364,3 @@ def test_points_are_of_fourth_order_in_the_step():
     for coarse, fine in pairwise(error):
         np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.2)
     assert np.abs(trajectories.history[:, components.POSITION]).max() < 4.0
-
-
-def test_compiled_points_are_those_of_the_functions_as_written(root, point_law, monkeypatch):
-    compiled = fly_point(point_law, root, initial_points(1), mean=1e-3)
-    monkeypatch.setattr(flight.DOUBLE_INTEGRATOR, "fly", flight.DOUBLE_INTEGRATOR.fly_in_python)
-    assert_identical(fly_point(point_law, root, initial_points(1), mean=1e-3), compiled)
-
-
-@pytest.mark.parametrize("first", [63])
-def test_a_point_alone_is_that_of_the_block(root, point_law, first):
-    initial = initial_points(150)
-    block = fly_point(point_law, root, initial)
-    for count in (1, 40):
-        trials = slice(first, first + count)
-        assert_identical(fly_point(point_law, root, initial[trials], first_trial=first), block, trials)
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        assert_identical(fly_point(point_law, root, initial), block)
-    finally:
-        numba.set_num_threads(before)

@@ -9,20 +9,14 @@ from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry import records
 from marsedl.papers.stochastic_entry.claims import measures
 from marsedl.papers.stochastic_entry.records import CASES
-from marsedl.replication.claims.verdicts import collect, judge
+from marsedl.replication.claims.verdicts import judge
 from marsedl.replication.claims.writing import claims_of
-from marsedl.replication.claims.writing import turned as turn
-from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.records.tables import csv_text
 
-STUDIED = {"theorem_lqg", "corollary_lqg", "fig9_altitude_range_tradeoff"}  # rest on studies of `corrected`
 RANGE = records.DOWNRANGE
 
 PAPER = catalogue("stochastic_entry")
 DECLARATIONS = claims_of("stochastic_entry").declarations
-
-
-READINGS = ("corrected", "printed", "printed_aero", "density_blind", "density_blind_same_sign")
 
 
 def evaluate(entry, reading="corrected", inputs=None, **replaced):
@@ -31,80 +25,12 @@ def evaluate(entry, reading="corrected", inputs=None, **replaced):
 
 @pytest.fixture(scope="module")
 def evaluations(entry):
-    found = {name: evaluate(entry, name) for name in READINGS}
+    found = {"corrected": evaluate(entry)}
     # Of the law that is flown as in `corrected`, the covariance by its gains against time.
     return found | {"timed_covariance": entry.evaluate("timed_covariance", entry.artifacts("corrected"))}
 
 
-@pytest.fixture(scope="module")
-def rows(entry, entry_published, evaluations):
-    erratum_ids = {erratum.id for erratum in PAPER.errata}
-    left_out = set(entry.study.readings) - set(evaluations)
-    # Reasons are stated for the full size: here they need only be quotable.
-    claim_rows = collect(
-        list(entry_published.values()),
-        DECLARATIONS,
-        evaluations,
-        known_errata=erratum_ids,
-        require_reasons=False,
-        left_out=left_out,
-    )
-    return {row.id: row for row in claim_rows}
-
-
-def test_every_printed_claim_is_evaluated(entry_published, evaluations):
-    claim_names = {name for name, claim in entry_published.items() if claim.kind != "context"}
-    for name in READINGS:
-        assert set(evaluations[name]) == claim_names, name
-        unevaluated = {claim for claim, evaluation in evaluations[name].items() if evaluation is None}
-        assert unevaluated == (set() if name == "corrected" else STUDIED), name
-
-
-# --- verdicts ---------------------------------------------------------------------------------------------------------
-
-# They are so with 2,000 trials as with 100,000.
-VERDICTS = {
-    "fails": {
-        *("halved_velocity_p1", "halved_velocity_p99", "velocity_trigger_helps_stochastic"),
-        *("improvement_visible_velocity", "fig8_more_aggressive", "ou_variance_matches_profile"),
-    },
-    "undetermined": {"fig9_altitude_range_tradeoff", "fig9_large_deviations"},
-    "differs": {f"tab4_downrange_{case}" for case in CASES}
-    | {"headline_range_reduction", "tab4_gamma_stochastic_time"},
-    "close": {"fig9_range_error_turns"},
-    "by_construction": {
-        *("ou_limit_variance", "decision_dimension_weights", "zf_structure", "af_velocity", "adjoint_velocity"),
-        *("chance_sigmas", "tab4_velocity_apollo_velocity", "tab4_velocity_stochastic_velocity", "tab3_state"),
-        *("sde_diffusion_sink_rate", "nominal_uprange", "zf_column_velocity", "fig8_stochastic_inside"),
-        *("bank_rate_respected", "initial_density_variance", "initial_density_uncorrelated"),
-        "velocity_trigger_ends_at_velocity",
-    },
-    "reproduced": {"headline_range_reduction_time"},
-    "holds": {
-        *("theorem_lqg", "corollary_lqg", "fig8_stochastic_differs", "fig8_apollo_leaves", "fig8_silent_after_ei"),
-        *("fig13_apollo_negative", "fig13_apollo_more_negative", "fig13_stochastic_velocity_correlated"),
-        *("fig13_clear_difference", "lateral_dispersion_increases", "fig9_altitude_active"),
-        "fig13_stochastic_time_variance",
-    },
-}
 STATE_NAMES = ("radius", "velocity", "flight path angle", "range", "density")
-
-
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_verdicts_of_the_corrected_reading(rows, verdict):
-    other_verdicts = {name: rows[name].verdict for name in VERDICTS[verdict] if rows[name].verdict != verdict}
-    assert not other_verdicts
-
-
-def test_the_printed_reading_fails_visibly(rows, evaluations):
-    for case in ("stochastic_time", "stochastic_velocity"):
-        evaluation = evaluations["printed"][f"tab4_downrange_{case}"]
-        assert np.isnan(evaluation.value).all() and evaluation.trials == 0
-        assert "2,000 not finite" in str(evaluation.evidence)
-        assert rows[f"tab4_downrange_{case}"].readings["printed"].verdict == "differs"
-    assert np.isnan(evaluations["printed"]["headline_range_reduction"].value)
-    for name in ("fig8_stochastic_inside", "fig13_clear_difference", "bank_rate_respected", "trigger_covariance"):
-        assert rows[name].readings["printed"].verdict == "fails", name
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -228,13 +154,9 @@ def unlike_identity(linearization):
     return replace(linearization, trigger_projection=projection)
 
 
-def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published, rows):
-    """No counted verdict is one that could not be otherwise."""
-    artifacts = entry.artifacts("corrected")
-    given = Arguments(entry.inputs("corrected").values, lambda name, kind: artifacts.get(name))
-    turned = turn(claims_of("stochastic_entry"), rows.values(), given, entry_published)
-    assert set(VERDICTS["holds"] | VERDICTS["fails"] | VERDICTS["differs"]) <= set(turned)
-    assert not [name for name, change in turned.items() if change is None]
+def test_every_counted_claim_is_turned_by_a_small_change(entry, evaluations):
+    turned = entry.turned(entry.artifacts("corrected"), evaluations["corrected"])
+    assert len(turned) > 50 and not [name for name, change in turned.items() if change is None]
 
 
 @pytest.mark.parametrize("name", ["lofting_captured", "fig9_lc_worst_gamma", "crossrange_nulled"])

@@ -1,6 +1,5 @@
 """The entry flights: their limits and ends, what is printed, steps, and that nothing depends on how they are run."""
 
-import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -81,32 +80,6 @@ def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
 # --- limits and ends --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("case", "reading"), [("apollo_time", "corrected"), ("stochastic_velocity", "printed_heading")]
-)
-def test_bank_limits(entry, case, reading):
-    trajectories = entry.simulator(case, reading)(0, 500)
-    times = len(trajectories.history)
-    flying = np.arange(times)[:, np.newaxis] < trajectories.length
-    bank, cosine = trajectories.observed[:, records.BANK], trajectories.history[:, records.BANK_COSINE]
-    rounding = 1e-9
-    assert trajectories.observed_maximum[records.BANK_CHANGE].max() <= np.radians(15.0) + rounding
-    changes = np.abs(np.diff(np.where(flying, bank, np.nan), axis=0))[flying[1:]]  # nothing is stored after the end
-    assert changes.max() <= np.radians(15.0) + rounding
-    assert changes.max() > np.radians(14.99)  # reversals do use the rate
-    assert (np.abs(cosine[flying]) <= 1.0).all()
-    # The bank of a command at the limit can be off by the seconds that rolling takes, 45 degrees in 3 s.
-    aligning = np.maximum.accumulate(trajectories.history[:, records.VELOCITY] <= 1100.0, axis=0) & flying
-    slow = aligning & (trajectories.history[:, records.VELOCITY] < 900.0)
-    assert (cosine[aligning] >= np.cos(np.radians(45.0)) - rounding).all()
-    assert (cosine[slow] >= np.cos(np.radians(35.0)) - rounding).all()
-    since = np.cumsum(aligning, axis=0)
-    settled = flying & (since > 12)  # from 180 degrees to 0 with 15 degrees a second
-    assert (np.abs(bank[settled]) <= np.radians(45.0) + rounding).all()
-    settled = flying & (np.cumsum(slow, axis=0) > 12)
-    assert (np.abs(bank[settled]) <= np.radians(35.0) + rounding).all()
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_flights_end_where_they_should(entry, case):
     ensemble, nominal = entry.ensemble("corrected", case), entry.nominal()
@@ -122,41 +95,6 @@ def test_flights_end_where_they_should(entry, case):
         np.testing.assert_array_equal(final[:, records.END_TIME], nominal.end_time)
         assert ensemble.time[-1] == nominal.end_time and (ensemble.flying == len(final)).all()
         np.testing.assert_array_equal(final[: len(ensemble.kept_history), :6], ensemble.kept_history[:, -1, :6])
-
-
-# --- nothing depends on how it is run ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("case", "chunks"), [("apollo_velocity", 5)])
-def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
-    options = {"case": case, "trials": 700, "block_size": 100}
-    whole, parts = (entry.fly("corrected", entry.gains(), chunks=number, **options) for number in (1, chunks))
-    assert_identical(whole, parts)
-    inputs = entry.stage_inputs("corrected", "montecarlo")
-    ensemble = entry.whole(inputs, entry.needed("montecarlo", "corrected"), **options)
-    assert_identical(whole, ensemble)
-
-
-@pytest.mark.parametrize("number", [63, 1999])
-def test_replay_is_the_trial_of_the_ensemble(entry, number):
-    case = "apollo_velocity"
-    ensemble = entry.ensemble("corrected", case)
-    alone = entry.simulator(case)(number, number + 1)
-    np.testing.assert_array_equal(alone.final_state[:, 0], ensemble.final_state[number])
-    inputs, needed = entry.stage_inputs("corrected", "montecarlo"), entry.needed("montecarlo", "corrected")
-    report = inputs.replay(montecarlo, **needed, trial=Trial(case, number, ensemble))
-    assert f"trial {number} of {case}: completed" in report and "the same to the last bit" in report
-    assert re.search(rf"reversals +{ensemble.final_state[number, records.REVERSALS]:g}\n", report)
-    other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.replay(montecarlo, **needed, trial=Trial(case, number, other))
-
-
-def test_cases_share_their_dispersions(entry):
-    """Common random numbers: every law and trigger meets the same vehicles and the same air."""
-    first = [entry.simulator(case)(0, 20) for case in CASES]
-    for other in first[1:]:
-        np.testing.assert_array_equal(other.history[0, :6], first[0].history[0, :6])
-        np.testing.assert_array_equal(other.final_state[8], first[0].final_state[8])
 
 
 # --- trials that end badly --------------------------------------------------------------------------------------------

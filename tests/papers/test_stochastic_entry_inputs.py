@@ -1,68 +1,20 @@
 """Bad input of the entry-guidance paper: one clear message each, that names the key or the limit, and the remedy."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from marsedl.papers.stochastic_entry import environment, nominal
 from marsedl.papers.stochastic_entry.beyond import tradeoff
-from marsedl.replication.errors import InfeasibleError, InputError, MarsedlError, SolverError
-from marsedl.replication.inputs.readings import load_studies
+from marsedl.replication.errors import InfeasibleError, MarsedlError, SolverError
 from marsedl.replication.pipeline.injection import Arguments
-
-ROOT = Path(__file__).parents[2]
-
-
-def reading_of(entry, **inputs):
-    """A user's own reading, based on corrected."""
-    inputs_with_source = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    of = {key: section for section, inputs in entry.model.sections().items() for key in dict(inputs.keys())}
-    mine = {"based_on": "corrected"}
-    for name, body in inputs_with_source.items():
-        mine.setdefault(of.get(name, "design"), {})[name] = body
-    own = {"stochastic_entry": {"readings": {"mine": mine}}}
-    study = load_studies({"stochastic_entry": entry.model}, ROOT, own)["stochastic_entry"]
-    return study.readings["mine"]
-
-
-def refused(entry, **inputs):
-    """The one line with which a reading is refused."""
-    with pytest.raises(InputError) as error:
-        reading_of(entry, **inputs)
-    message = str(error.value)
-    assert message.startswith("--config: stochastic_entry.readings.mine") and "\n" not in message
-    return message
-
-
-@pytest.mark.parametrize(
-    ("inputs", "fragments"),
-    [
-        ({"partition_interval": 2.5}, ["partition_interval", "must be multiples of"]),
-        ({"altitude_limit_study_km": [0.5, 1.0, 1.0, 2.0, 2.5, 3.0]}, ["altitude_limit_study does not increase: 5"]),
-        ({"highest_tabulated_altitude_km": 124.9}, ["highest_tabulated_altitude", "atmosphere_altitude"]),
-        ({"density_grid_interval": 1.0e-3}, ["density_grid_interval", "altitudes"]),
-        ({"nominal_substeps": 7}, ["nominal_substeps (7)", "must be even", "write 8"]),
-        ({"decay_factor": 3.0}, ["decay_factor (3)", "diffusion_factor (4)", "twice"]),
-        ({"heading_alignment_velocity": 400.0}, ["heading_alignment_velocity (400", "mission.end_velocity (500"]),
-        ({"apollo_covariance": "gains"}, ["apollo_covariance", "timed_gains"]),
-        ({"deadband_times": [125.0, 105.0]}, ["deadband_times does not increase: 125, 105"]),
-        ({"density_profile": "table"}, ["density_profile", "density_table", "write the name of its file"]),
-        ({"time_limit": 1.0e9}, ["time_limit", "guidance periods"]),
-        ({"paper_trials": 1000000}, ["trials", "paper_trials"]),
-    ],
-    ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
-)
-def test_inputs_that_contradict_are_refused(entry, inputs, fragments):
-    message = refused(entry, **inputs)
-    for fragment in fragments:
-        assert fragment in message
+from readings import reading_of
 
 
 def test_partitions_of_a_study_are_checked_by_its_stage(entry):
     """A reading that does not ask for the study need not fit it."""
-    reading_of(entry, coarse_interval=9.5)
+    reading_of("stochastic_entry", coarse_interval=9.5)
     with pytest.raises(MarsedlError, match=r"design\.coarse_interval.*multiples of guidance\.guidance_period \(1 s\)"):
         needed = entry.needed("tradeoff", "corrected")
         entry.stage_inputs("corrected", "tradeoff", coarse_interval=9.5).call(tradeoff.compute, **needed)
@@ -79,11 +31,6 @@ def test_a_table_of_densities_may_reach_higher(entry):
     assert flight.density[0] == pytest.approx(np.exp(environment.profile(base.air)(np.array([130e3]))[0][0]), rel=1e-6)
 
 
-def test_a_density_table_that_is_not_there_is_refused(entry, tmp_path):
-    message = refused(entry, density_profile="table", density_table=str(tmp_path / "mine.csv"))
-    assert "mine.csv" in message and "there is no such density table" in message
-
-
 def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     """A table of the reading's own density, on a fine grid, flies the same nominal."""
     base = entry.stage_inputs("corrected", "nominal")
@@ -92,7 +39,7 @@ def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     path = tmp_path / "mine.csv"
     rows = [f"{h:.1f},{density:.17e}" for h, density in zip(altitude, np.exp(log_density), strict=True)]
     path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    mine = reading_of(entry, density_profile="table", density_table=str(path))
+    mine = reading_of("stochastic_entry", density_profile="table", density_table=str(path))
     assert np.shape(mine.inputs.air.density_table) == (len(altitude), 2)  # the numbers, not the path
     trajectory = Arguments(mine.inputs.plain()).call(nominal.compute)
     assert trajectory.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
