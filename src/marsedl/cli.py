@@ -401,7 +401,8 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
     """
     from marsedl.replication.checks import reference
 
-    for name in ("paper", "size", *["configfile"] * (options.command == "accept")):
+    of_own_reference = ("paper", "size", "configfile") if options.command == "accept" else ("paper", "size")
+    for name in of_own_reference:
         if getattr(options, name) and options.reference is None:
             raise InputError(f"--{name} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [catalogue(slug).slug for slug in options.paper or SLUGS]
@@ -438,8 +439,19 @@ def _new_paper(options) -> None:
     _say(f"\n{next_steps(options.slug)}")
 
 
-_FUNCTIONS = _list, _explain, _diff, _trial, _what_if, _compare, _universe, _verify, _accept, _readme, _new_paper
-COMMANDS = {function.__name__[1:].replace("_", "-"): function for function in _FUNCTIONS}
+COMMANDS = {
+    "list": _list,
+    "explain": _explain,
+    "diff": _diff,
+    "trial": _trial,
+    "what-if": _what_if,
+    "compare": _compare,
+    "universe": _universe,
+    "verify": _verify,
+    "accept": _accept,
+    "readme": _readme,
+    "new-paper": _new_paper,
+}
 
 if __name__ == "__main__":
     sys.exit(main())

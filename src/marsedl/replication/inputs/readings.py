@@ -10,7 +10,7 @@ import hashlib
 import inspect
 import json
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,7 +21,13 @@ from marsedl.replication.inputs import CORRECTED, PRINTED
 from marsedl.replication.inputs.choices import Assignment, Choices, Sources, inputs_set, of_written, source_of_key
 from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.inputs.written import Settings, WrittenReading, configuration, own_configuration
+from marsedl.replication.inputs.written import (
+    Settings,
+    WrittenReading,
+    WrittenUniverses,
+    configuration,
+    own_configuration,
+)
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
 
@@ -51,6 +57,14 @@ class Reading:
         return {case: number for case, number in trials.items() if number}
 
 
+class Designs(typing.NamedTuple):
+    """Which universes are computed."""
+
+    space_filling: int = 0  # so many fill the space of choices
+    one_at_a_time: Sequence[str] | None = None  # the choices that are varied by themselves; None: all
+    at_most: int | None = None  # so many of these, with `corrected`; None: all
+
+
 @dataclass(frozen=True)
 class Study:
     """All of a paper's configuration: its readings, its choices and the number of chunks of each Monte Carlo case.
@@ -70,9 +84,8 @@ class Study:
     size: str = FULL
     choices: Choices = field(default_factory=Choices)
     own_choices: Mapping = field(default_factory=dict)
-    universes: typing.Any = None
-    # How many universes fill the space, which choices are varied by themselves (None: all), in how many at most.
-    designs: tuple[int, typing.Sequence[str] | None, int | None] = (0, None, None)
+    universes: WrittenUniverses | None = None
+    designs: Designs = field(default_factory=Designs)  # of a build's universes
     whole: int = 0  # universes that fill the space in a new run, which varies all choices by themselves
     universe_jobs: int = 1
     root: Path = Path()  # of the files that inputs name
@@ -227,19 +240,30 @@ def _study(
         choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, at)
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
-    designs, jobs = (file.universes.space_filling, file.universes.one_at_a_time, None), file.universes.jobs
+    designs, jobs = Designs(file.universes.space_filling, file.universes.one_at_a_time), file.universes.jobs
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place, files)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: _limited(reading, root, limits, place) for name, reading in readings.items()}
-        bounds, designs, jobs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL), 1
+        bounds, designs, jobs = [(limits, place), *bounds], Designs(SMALL, designs.one_at_a_time, 1 + SMALL), 1
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
     built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *part.readings))
     return Study(
-        *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
-        *(frozenset(part.readings), settings.size, choices, {}, file.universes, designs),
-        *(settings.universes or file.universes.multiverse, settings.chunks or jobs, root, tuple(bounds)),
+        paper=slug,
+        readings=readings,
+        chunks=chunks,
+        built=built,
+        points=tuple(name for name in readings if name not in {*built, *left_out}),
+        own_readings=frozenset(part.readings),
+        size=settings.size,
+        choices=choices,
+        universes=file.universes,
+        designs=designs,
+        whole=settings.universes or file.universes.multiverse,
+        universe_jobs=settings.chunks or jobs,
+        root=root,
+        limits=tuple(bounds),
     )
 
 
@@ -347,5 +371,7 @@ def _lowered(value: object, limit: float) -> object:
     """Return a number or a list of them with none above a limit; the section refuses a limit of anything else."""
     if isinstance(value, list):
         return [_lowered(entry, limit) for entry in value]
+    if value is None:
+        return None
     limit = int(limit) if limit.is_integer() else limit
-    return value if value is None else min(value, limit) if isinstance(value, int | float) else limit
+    return min(value, limit) if isinstance(value, int | float) else limit

@@ -27,7 +27,9 @@ def written(reading: Reading, name: str) -> str:
     """Return an input of a reading as it is written; with its suffix if it has one."""
     key, value, _ = reading["inputs"][name]
     suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
-    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
+    text = json.dumps(value) if isinstance(value, list) else str(value)
+    if value is None:
+        text = "–"
     return f"{text} {suffix}".strip()
 
 

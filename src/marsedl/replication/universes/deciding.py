@@ -171,8 +171,12 @@ def _of_erratum(erratum: Erratum, claims: Sequence[Claim], judged: Sequence[Clai
     }
     named = [row for row in claims if erratum.id in row.errata]
     refuted = _ids(row for row in named if row.is_refuted)
-    unranked = "nothing" if changed else "named" if refuted else "not_varied"
-    rank = next((rank for rank in found if found[rank]), unranked)
+    if ranks := [rank for rank in found if found[rank]]:
+        rank = ranks[0]
+    elif changed:
+        rank = "nothing"
+    else:
+        rank = "named" if refuted else "not_varied"
     about = tuple(dict.fromkeys([*_ids(named), *found["verdicts"]]))
     return ErratumEffect(erratum.id, rank, choices, **found, effect=effect, about=about, refuted=refuted)
 
@@ -307,11 +311,25 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
         one = judge.judged(name)
         rows.append(
             (
-                *(name, one.component, one.verdict, one.label, ", ".join(one.alone), ", ".join(one.together)),
-                *(one.number, one.error or None, one.printed),
-                *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
-                *(one.over_results.value, one.over_results.low, one.over_results.high),
-                *(one.nearest, one.its_universe, one.noise),
+                name,
+                one.component,
+                one.verdict,
+                one.label,
+                ", ".join(one.alone),
+                ", ".join(one.together),
+                one.number,
+                one.error or None,
+                one.printed,
+                one.over_all.count,
+                one.over_all.of,
+                one.over_results.of,
+                one.undetermined.count,
+                one.over_results.value,
+                one.over_results.low,
+                one.over_results.high,
+                one.nearest,
+                one.its_universe,
+                one.noise,
                 f"{one.cause.choice}: {one.cause.value}" if one.cause else "",
             )
         )

@@ -46,10 +46,8 @@ from marsedl.replication.universes.table import (
     size_of_change,
 )
 
-ROBUST, DEPENDS, NEVER, UNDECIDED, FEW, NOT_COMPUTED = (
-    *("robust", "depends", "never", "undecided"),
-    *("too_few", "not_computed"),
-)
+ROBUST, DEPENDS, NEVER = "robust", "depends", "never"  # labels
+UNDECIDED, FEW, NOT_COMPUTED = "undecided", "too_few", "not_computed"
 TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
 FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
@@ -278,30 +276,41 @@ class Judge:
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at, place = self.column[claim], self.component_place(claim)
-        filled, stands, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
+        filled, is_true, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
         with_result = filled & self.has_result[:, at]
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
         indices = self.indices(self.numbers[0][:, place], filled, claim, pairs=pairs)
-        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, claim, pairs=pairs)
+        of_verdict = self.indices(np.where(decided, is_true, np.nan), filled, claim, pairs=pairs)
         label, in_readings = self._label(claim), self._in_readings(claim)
         by_itself = (*effects, *in_readings)
-        alone, together = self._depends_on(stands[self.base], by_itself, (*indices, *of_verdict))
+        if label == DEPENDS:
+            alone, together = self._depends_on(is_true[self.base], by_itself, (*indices, *of_verdict))
+        else:
+            alone, together = self._turning(is_true[self.base], by_itself), ()
+        number, error, printed = self.numbers[:, self.base, place].tolist()
+        cause, misprint = self._causes(claim, in_readings)
+        nearest, its_universe = self._nearest(claim, filled | self.among(ONE_AT_A_TIME))
         return Judged(
-            self.component[place][1],
-            self.verdict(claim),
-            *self.numbers[:, self.base, place].tolist(),
-            label,
-            *((alone, together) if label == DEPENDS else (self._turning(stands[self.base], by_itself), ())),
-            effects,
-            *self._causes(claim, in_readings),
-            share_of(stands, filled),
-            share_of(stands, with_result),
-            share_of(self.verdicts[:, at] == "undetermined", with_result),
-            int((filled & decided).sum()),
-            *self._nearest(claim, filled | self.among(ONE_AT_A_TIME)),
-            indices,
-            self._noise(place, filled),
+            component=self.component[place][1],
+            verdict=self.verdict(claim),
+            number=number,
+            error=error,
+            printed=printed,
+            label=label,
+            alone=alone,
+            together=together,
+            effects=effects,
+            cause=cause,
+            misprint=misprint,
+            over_all=share_of(is_true, filled),
+            over_results=share_of(is_true, with_result),
+            undetermined=share_of(self.verdicts[:, at] == "undetermined", with_result),
+            deciding=int((filled & decided).sum()),
+            nearest=nearest,
+            its_universe=its_universe,
+            indices=indices,
+            noise=self._noise(place, filled),
         )
 
     def _label(self, claim: str) -> str:
@@ -316,7 +325,9 @@ class Judge:
         true, false = verdicts & {*TRUE}, verdicts & {*REFUTED_VERDICTS}
         if true and false:
             return DEPENDS
-        return UNDECIDED if "undetermined" in verdicts else ROBUST if true else NEVER
+        if "undetermined" in verdicts:
+            return UNDECIDED
+        return ROBUST if true else NEVER
 
     def standing(self, claim: str) -> Standing:
         """Return what the universes say of a claim, as it is shown beside its verdict."""
