@@ -179,11 +179,11 @@ class Project:
 
     def paper(self, slug: str, reading: str = CORRECTED):
         """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
-        from marsedl.replication.claims.quotes import committed, with_numbers
+        from marsedl.replication.claims.quotes import accepted, with_numbers
 
         if not self.verdicts(slug) and reading == CORRECTED:
             with contextlib.suppress(InputError):  # a quote that was not accepted yet
-                return with_numbers(catalogue(slug), committed(self.root, slug))
+                return with_numbers(catalogue(slug), accepted(self.root, slug))
         return with_numbers(catalogue(slug), self.quotes(slug, reading))
 
 
@@ -418,11 +418,11 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
 
 def _readme(options) -> None:
     """Write what came out of each paper, by the stored verdicts, into README.md and its badge."""
-    from marsedl.replication.claims.quotes import committed, with_numbers
+    from marsedl.replication.claims.quotes import accepted, with_numbers
     from marsedl.replication.report import front_page
 
     root = project_root()
-    papers = [with_numbers(catalogue(slug), committed(root, slug)) for slug in SLUGS]
+    papers = [with_numbers(catalogue(slug), accepted(root, slug)) for slug in SLUGS]
     _say(*(f"wrote {path}" for path in front_page.write(root, papers, {slug: input_model(slug) for slug in SLUGS})))
 
 

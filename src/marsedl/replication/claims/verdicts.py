@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from marsedl.replication.claims.claim import (
+    AGREEING_VERDICTS,
     BY_CONSTRUCTION,
     MEASURED,
     REFUTED_VERDICTS,
-    STANDING_VERDICTS,
     UNEXPLAINED,
     Claim,
     Doubt,
@@ -178,7 +178,7 @@ def judge(
     """
     declaration = declaration or Declaration()
     judged = _judged(claim, evaluation, declaration.close, corrected or evaluation)
-    confirmed = judged.verdict in (*STANDING_VERDICTS, "undetermined")
+    confirmed = judged.verdict in (*AGREEING_VERDICTS, "undetermined")
     # A statement may be false by construction; numbers that differ were not bound to agree.
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
     if bound or (declaration.by_construction and confirmed):
@@ -246,8 +246,8 @@ def _narrow(claim: PublishedClaim, errors: np.ndarray, trials: int) -> np.ndarra
 
     errors, trials: those of `corrected`, by which the paper's own are known.
     """
-    own = np.nan_to_num(np.sqrt(trials / claim.trials) * errors)
-    return np.maximum(own, WIDE * np.abs(np.array(claim.printed, dtype=float)))
+    of_paper = np.nan_to_num(np.sqrt(trials / claim.trials) * errors)
+    return np.maximum(of_paper, WIDE * np.abs(np.array(claim.printed, dtype=float)))
 
 
 def verdicts_in_universes(
@@ -400,8 +400,8 @@ def _reason(claim, declaration, first, evaluations, verdict, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     numbers: dict[str, dict | None] = dict.fromkeys(left_out)
     for name, evaluation in evaluations.items():
-        own = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
-        numbers[name] = None if evaluation.failed else own | evaluation.numbers
+        always = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
+        numbers[name] = None if evaluation.failed else always | evaluation.numbers
     try:
         text = with_own_numbers(declaration.reason, numbers, first)
     except (ValueError, TypeError) as error:

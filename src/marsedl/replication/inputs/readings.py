@@ -109,8 +109,8 @@ class Study:
         sources |= dict(source_of_key(model, key, value) for key, value in inputs.items())
         for name in [name for name in sources if name.endswith(".seed")]:
             sources[name] = replace(sources[name], value=sources[name].value + seed)
-        made = _inputs(model, self.root, sources, Place("universe"))
-        return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources))
+        typed = _inputs(model, self.root, sources, Place("universe"))
+        return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=typed, sources=sources))
 
     def without_own_readings(self) -> "Study":
         """Return the configuration without the readings of a user's file."""
@@ -122,9 +122,9 @@ class Study:
         """Return a reading with the limits of the size that is built and of universes, of which the lowest counts."""
         lowest: dict[str, dict[str, float]] = {}
         for limits, place in self.limits:
-            for section, own in limits.items():
+            for section, of_section in limits.items():
                 of = lowest.setdefault(section, {})
-                of.update({name: min(limit, of.get(name, limit)) for name, limit in own.items()})
+                of.update({name: min(limit, of.get(name, limit)) for name, limit in of_section.items()})
             reading = _limited(reading, self.root, {section: lowest[section] for section in limits}, place)
         return reading
 
@@ -140,22 +140,22 @@ def load_studies(
 
     Raises InputError with file, line, key, what is wrong and the remedy, before anything is computed.
     """
-    own = own_configuration(models)
+    configuration_of_user = own_configuration(models)
     files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
     for file in files:
         try:
-            checked(own, file.document, file)
+            checked(configuration_of_user, file.document, file)
         except InputError as error:
             raise InputError("\n".join([str(error), *_unknown_bases(file, models, root)])) from None
     places = _own_places(models, files)
     # Settings of the command line count before those of a file, and of files the last.
     of_files = {key: part for file in files for key, part in file.document.items() if key not in models}
     config = of_files | copy.deepcopy(dict(config))
-    checked(own, config, Place("--config"))
+    checked(configuration_of_user, config, Place("--config"))
     for (slug, kind, name), at in places.items():
         if config.setdefault(slug, {}).setdefault(kind, {}).setdefault(name, at.written()) != at.written():
             raise InputError(f"{at}: --config changes it; write the change into the file")
-    settings = checked(own, config, Place("--config"))
+    settings = checked(configuration_of_user, config, Place("--config"))
     studies = {}
     for slug, model in models.items():
         study = _study(slug, model, root, settings, places, files)
@@ -168,9 +168,9 @@ def _unknown_bases(file: Place, models: Iterable[str], root: Path) -> Iterator[s
     for slug in models:
         place = file / slug / "readings"
         with contextlib.suppress(KeyError, TypeError, AttributeError):  # nothing is written there, or something else
-            own = place.written()
-            bases = [(name, body["based_on"]) for name, body in own.items() if "based_on" in body]
-            known = {*own, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
+            named = place.written()
+            bases = [(name, body["based_on"]) for name, body in named.items() if "based_on" in body]
+            known = {*named, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
             for name, base in bases:
                 if base not in known:
                     at = place / name / "based_on"
@@ -280,7 +280,7 @@ def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[
     """Return the limits of a size, by section, and the readings of the file that it does not compare."""
     if size not in file.sizes:
         hint = nearest(size, [FULL, *file.sizes])
-        asked = [f"{own / 'size'}: {size}" for own in files if own.document.get("size") == size]
+        asked = [f"{one / 'size'}: {size}" for one in files if one.document.get("size") == size]
         raise InputError(f"{[*asked, f'--config size={size}'][0]}: {place.origin} defines no such size; {hint}")
     limits, place = file.sizes[size].model_dump(exclude_unset=True), place / "sizes" / size / "readings"
     names = limits.pop("readings", list(file.readings))

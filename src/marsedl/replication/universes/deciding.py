@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, STANDING_VERDICTS, Claim, Standing
+from marsedl.replication.claims.claim import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS, Claim, Standing
 from marsedl.replication.claims.counts import capital
 from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
@@ -255,15 +255,15 @@ def _explorer(judged: Sequence[Claim], judge: Judge) -> dict[str, Any]:
     which that of `corrected` is `ours`; and `answers`, of each claim what is printed or its limit (`mark`, null if
     universes do not agree on it), and by universe value, error and the place of the verdict.
     """
-    own, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
-    assignment = zip(judge.choices, judge.table.assignment[own].T, strict=True)
+    same_streams, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
+    assignment = zip(judge.choices, judge.table.assignment[same_streams].T, strict=True)
     ordered = sorted(judged, key=lambda row: (not row.headline, row.headline or 0))
-    computed = [row for row in ordered if judge.has_result[own, judge.column[row.id]].any()]
+    computed = [row for row in ordered if judge.has_result[same_streams, judge.column[row.id]].any()]
     return {
-        "numbers": judge.table.number[own].tolist(),
-        "verdicts": [[in_words(one), one in STANDING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
+        "numbers": judge.table.number[same_streams].tolist(),
+        "verdicts": [[in_words(one), one in AGREEING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
         "knobs": [_knob(one, judge.choices.default(one), assigned) for one, assigned in assignment],
-        "answers": [_answer(row, judge, own, verdicts) for row in computed],
+        "answers": [_answer(row, judge, same_streams, verdicts) for row in computed],
     }
 
 
@@ -284,10 +284,10 @@ def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any
     return knob | {"values": values, "places": np.where(is_ours, 0, 1 + interval_of(shares, PARTS)).tolist()}
 
 
-def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
+def _answer(row: Claim, judge: Judge, same_streams: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
     at = judge.column[row.id]
-    value, error, limit = judge.numbers[:, own, judge.component_place(row.id)]
-    is_told, error = judge.has_result[own, at] & np.isfinite(value), np.nan_to_num(error)
+    value, error, limit = judge.numbers[:, same_streams, judge.component_place(row.id)]
+    is_told, error = judge.has_result[same_streams, at] & np.isfinite(value), np.nan_to_num(error)
     marks = np.unique(limit[np.isfinite(limit)]).tolist()
     return {
         "claim": row.id,
@@ -297,7 +297,7 @@ def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) 
         "mark": marks[0] if len(marks) == 1 else None,
         "values": [float(f"{one:.4g}") if told else None for one, told in zip(value, is_told, strict=True)],
         "errors": [float(f"{one:.2g}") for one in error] if error.any() else None,
-        "verdicts": [verdicts.index(one) for one in judge.verdicts[own, at]],
+        "verdicts": [verdicts.index(one) for one in judge.verdicts[same_streams, at]],
     }
 
 

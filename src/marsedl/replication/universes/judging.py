@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import (
+    AGREEING_VERDICTS,
     BY_CONSTRUCTION,
     REFUTED_VERDICTS,
-    STANDING_VERDICTS,
     Cause,
     Claim,
     Result,
@@ -48,7 +48,7 @@ from marsedl.replication.universes.table import (
 
 ROBUST, DEPENDS, NEVER = "robust", "depends", "never"  # labels
 UNDECIDED, FEW, NOT_COMPUTED = "undecided", "too_few", "not_computed"
-TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
+TRUE = (*AGREEING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
 FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
@@ -205,9 +205,9 @@ class Judge:
         self.of_numbers = np.full(self.numbers.shape[1:], "none", "<U16")  # of each component (universe, component)
         for name, at in self.column.items():
             self._judge(self.published[name], declarations[name], at)
-        self.stands = np.isin(self.verdicts, STANDING_VERDICTS)  # (universe, claim), as the next four
+        self.agrees = np.isin(self.verdicts, AGREEING_VERDICTS)  # (universe, claim), as the next four
         self.refuted = np.isin(self.verdicts, REFUTED_VERDICTS)
-        self.is_true = self.stands | (self.verdicts == BY_CONSTRUCTION)
+        self.is_true = self.agrees | (self.verdicts == BY_CONSTRUCTION)
         self.decided = self.is_true | self.refuted
         self.has_result = self.cause == RESULT
 
@@ -256,7 +256,7 @@ class Judge:
             verdicts = worst(of_numbers)
             self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
         bound = found == BY_CONSTRUCTION
-        confirmed = np.isin(verdicts, (*STANDING_VERDICTS, "undetermined"))
+        confirmed = np.isin(verdicts, (*AGREEING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
         verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
         self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, "none")
@@ -636,8 +636,8 @@ def judge_of(
     is_committed = large.exists() and of_one_world(large, path)
     built = store.load(path, Universes, paper=paper.slug)
     table = store.load(large, Universes, paper=paper.slug) if is_committed else built
-    own = [row for row in rows if row.paper == paper.slug]
-    return judge_in(study, table, own, is_committed=is_committed, computed=len(built.number))
+    of_paper = [row for row in rows if row.paper == paper.slug]
+    return judge_in(study, table, of_paper, is_committed=is_committed, computed=len(built.number))
 
 
 def committed_judge(slug: str, model: type[Inputs], root: Path) -> Judge:
