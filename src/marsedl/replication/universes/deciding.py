@@ -137,11 +137,11 @@ def decided(claims: Sequence[Claim], errata: Iterable[Erratum], judge: Judge, ma
     effects = [_of_erratum(one, claims, judged, judge) for one in errata]
     number = _deciding_number(judged, judge)
     run = Run(
-        len(judge.table.number),
-        int(judge.among(SPACE_FILLING).sum()),
-        judge.is_committed,
-        judge.computed,
-        judge.second_seed(),
+        universes=len(judge.table.number),
+        filling=int(judge.among(SPACE_FILLING).sum()),
+        is_committed=judge.is_committed,
+        computed=judge.computed,
+        seeds=judge.second_seed(),
     )
     ranked = tuple(sorted(effects, key=_by_rank))
     of_all = joint(judge, matching)
@@ -224,9 +224,18 @@ def _left_open(number: Number | None, judge: Judge) -> tuple[Open, ...]:
     failing = {effect.choice for effect in effects if effect.cause in FAILURES}
     found = []
     for one in (one for one in judge.choices if not one.erratum):
-        ends = _range(effects, one.name)
-        words = one.asks, bool(one.entered), in_words(one.corrected), _others(one)
-        found.append(Open(one.name, *words, *ends, one.name in failing))
+        low, high = _range(effects, one.name)
+        left = Open(
+            choice=one.name,
+            asks=one.asks,
+            is_late=bool(one.entered),
+            ours=in_words(one.corrected),
+            others=_others(one),
+            low=low,
+            high=high,
+            no_result=one.name in failing,
+        )
+        found.append(left)
     return tuple(sorted(found, key=lambda one: -(one.high - one.low) if one.high > one.low else 0.0))
 
 

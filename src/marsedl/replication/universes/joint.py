@@ -71,15 +71,15 @@ def _best(judge: Judge, places: Sequence[int]) -> Best:
     assignment, base = (decoded(judge.choices, table.assignment[k]) for k in (at, judge.base))
     again = np.flatnonzero(np.abs(table.number - table.number[at]) == AGAIN)
     return Best(
-        int(table.number[at]),
-        {name: value for name, value in assignment.items() if value != base.get(name)},
-        int(headlines[at]),
-        int(headlines[judge.base]),
-        len(places),
-        int(claims[at]),
-        int(claims[judge.base]),
-        int((judge.agrees | judge.refuted).any(axis=0).sum()),
-        bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
+        universe=int(table.number[at]),
+        changed={name: value for name, value in assignment.items() if value != base.get(name)},
+        headlines=int(headlines[at]),
+        in_corrected=int(headlines[judge.base]),
+        of=len(places),
+        claims=int(claims[at]),
+        claims_in_corrected=int(claims[judge.base]),
+        of_claims=int((judge.agrees | judge.refuted).any(axis=0).sum()),
+        again=bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
     )
 
 

@@ -449,9 +449,20 @@ class Judge:
         missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
         crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
         size = size_of_change(before, after, self.half(self.component_place(claim)))
-        numbers = float(after[0]), float(after[0] - before[0]), float(missing[1]), float(size)
-        beyond = crosses and verdicts[1] in REFUTED_VERDICTS
-        return Effect(*varied, verdicts[1], cause, *numbers, bool(missing[1] < missing[0]), beyond)
+        choice, value, where = varied
+        return Effect(
+            choice=choice,
+            value=value,
+            where=where,
+            verdict=verdicts[1],
+            cause=cause,
+            number=float(after[0]),
+            difference=float(after[0] - before[0]),
+            missing=float(missing[1]),
+            size=float(size),
+            towards=bool(missing[1] < missing[0]),
+            beyond=crosses and verdicts[1] in REFUTED_VERDICTS,
+        )
 
     def _missing(self, claim: str, of: Triple, fails: bool, corrected: Triple) -> float:
         """How far a number is from what is printed, or a statement from holding, in the unit of the number."""
