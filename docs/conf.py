@@ -14,7 +14,7 @@ from sphinx.util import logging as sphinx_logging
 
 import marsedl
 from marsedl.papers import catalogue
-from marsedl.replication.claims.quotes import committed, with_numbers
+from marsedl.replication.claims.quotes import accepted, with_numbers
 from marsedl.replication.errors import InputError
 from marsedl.replication.report.formulas import mathml
 from marsedl.replication.report.front_page import words
@@ -94,7 +94,7 @@ def only_described(app, what, name, thing, skip, options):
 def errata(slug):
     """Return the errata of a paper's catalogue as a list."""
     rows = []
-    for erratum in with_numbers(catalogue(slug), committed(ROOT, slug)).errata:
+    for erratum in with_numbers(catalogue(slug), accepted(ROOT, slug)).errata:
         texts = (erratum.printed, erratum.evidence, erratum.used)
         printed, evidence, used = (escaped(text, r"\*_<>[]|#") for text in texts)
         rows.append(f"- **{erratum.id}**, printed: {printed}\n\n  Evidence: {evidence}\n\n  Used here: {used}")

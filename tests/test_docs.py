@@ -12,7 +12,7 @@ import yaml
 
 import marsedl
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.claims.quotes import committed, with_numbers
+from marsedl.replication.claims.quotes import accepted, with_numbers
 from marsedl.replication.claims.rows import summary
 from marsedl.replication.claims.thresholds import WORDS
 from marsedl.replication.inputs.readings import load_studies
@@ -111,7 +111,7 @@ def test_every_picture_is_shown():
 
 
 def with_committed_numbers(slug):
-    return with_numbers(catalogue(slug), committed(ROOT, slug))
+    return with_numbers(catalogue(slug), accepted(ROOT, slug))
 
 
 @pytest.mark.parametrize("path", [front_page.README, front_page.BADGE], ids=str)

@@ -181,11 +181,11 @@ class Project:
 
     def paper(self, slug: str, reading: str = CORRECTED):
         """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
-        from marsedl.replication.claims.quotes import committed, with_numbers
+        from marsedl.replication.claims.quotes import accepted, with_numbers
 
         if not self.verdicts(slug) and reading == CORRECTED:
             with contextlib.suppress(InputError):  # a quote that was not accepted yet
-                return with_numbers(catalogue(slug), committed(self.root, slug))
+                return with_numbers(catalogue(slug), accepted(self.root, slug))
         return with_numbers(catalogue(slug), self.quotes(slug, reading))
 
 
@@ -404,7 +404,8 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
     """
     from marsedl.replication.checks import reference
 
-    for name in ("paper", "size", *["configfile"] * (options.command == "accept")):
+    of_own_reference = ("paper", "size", "configfile") if options.command == "accept" else ("paper", "size")
+    for name in of_own_reference:
         if getattr(options, name) and options.reference is None:
             raise InputError(f"--{name} needs --reference FOLDER, a folder with reference numbers of your own")
     papers = [catalogue(slug).slug for slug in options.paper or SLUGS]
@@ -420,11 +421,11 @@ def _up_to_date(options) -> tuple[Project, dict, dict, Path | None]:
 
 def _readme(options) -> None:
     """Write what came out of each paper, by the stored verdicts, into README.md and its badge."""
-    from marsedl.replication.claims.quotes import committed, with_numbers
+    from marsedl.replication.claims.quotes import accepted, with_numbers
     from marsedl.replication.report import front_page
 
     root = project_root()
-    papers = [with_numbers(catalogue(slug), committed(root, slug)) for slug in SLUGS]
+    papers = [with_numbers(catalogue(slug), accepted(root, slug)) for slug in SLUGS]
     _say(*(f"wrote {path}" for path in front_page.write(root, papers, {slug: input_model(slug) for slug in SLUGS})))
 
 
@@ -441,8 +442,19 @@ def _new_paper(options) -> None:
     _say(f"\n{next_steps(options.slug)}")
 
 
-_FUNCTIONS = _list, _explain, _diff, _trial, _what_if, _compare, _universe, _verify, _accept, _readme, _new_paper
-COMMANDS = {function.__name__[1:].replace("_", "-"): function for function in _FUNCTIONS}
+COMMANDS = {
+    "list": _list,
+    "explain": _explain,
+    "diff": _diff,
+    "trial": _trial,
+    "what-if": _what_if,
+    "compare": _compare,
+    "universe": _universe,
+    "verify": _verify,
+    "accept": _accept,
+    "readme": _readme,
+    "new-paper": _new_paper,
+}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -141,8 +141,12 @@ def funnels(
 ) -> list[Deviation]:
     """Flights with a constant disturbance: starts on the first slice's boundary, disturbances on that of their disc."""
     quantities = (
-        *(("altitude", "m"), ("downrange", "m"), ("crossrange", "m"), ("velocity", "m/s")),
-        *(("flight path angle", "rad"), ("heading", "rad")),
+        ("altitude", "m"),
+        ("downrange", "m"),
+        ("crossrange", "m"),
+        ("velocity", "m/s"),
+        ("flight path angle", "rad"),
+        ("heading", "rad"),
     )
     halfway = slice(1, None, 2)  # in the middle of the steps
     states, disturbances = linearization.disturbance_matrix.shape[1:]
@@ -229,8 +233,17 @@ def table(records: dict[str, list[Deviation]]) -> "DataFrame":
     """All of them as numbers."""
     rows = [
         (
-            *(NAMES[slug], row.case, row.quantity, row.unit, row.predicted, row.sampled, row.sampled_error),
-            *(row.ratio, row.ratio_error, row.trials, row.lost),
+            NAMES[slug],
+            row.case,
+            row.quantity,
+            row.unit,
+            row.predicted,
+            row.sampled,
+            row.sampled_error,
+            row.ratio,
+            row.ratio_error,
+            row.trials,
+            row.lost,
         )
         for slug, deviations_of_paper in records.items()
         for row in deviations_of_paper

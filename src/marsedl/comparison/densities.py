@@ -134,9 +134,8 @@ def figure(records: dict[str, Density]) -> Figure:
             continue
         sides = [ratio * factor for factor in model.factors]
         means.fill_betweenx(altitude, *sides, where=in_flight, color=COLORS[slug], alpha=0.15, linewidth=0)
-        handles += spreads.plot(
-            *(100 * (model.factors[1] - 1), altitude), **look, linewidth=1.6, label=f"{NAMES[slug]}: {model.curve}"
-        )
+        label = f"{NAMES[slug]}: {model.curve}"
+        handles += spreads.plot(100 * (model.factors[1] - 1), altitude, **look, linewidth=1.6, label=label)
     means.set(xscale="log", xlabel=f"density over the mean of the {NAMES[REFERENCE]} paper", ylabel="altitude (km)")
     means.set_ylim(altitude[[0, -1]])
     spreads.set(xscale="log", xlabel="from its mean (%)")

@@ -165,7 +165,8 @@ def bind(law, flight, nominal, units) -> Bound:
             warnings.warn(f"flights start at {law.against} {begins:g}, beyond {law.name}, {held}", stacklevel=4)
         return Bound(("table", law.against, tuple(law.columns), commanded), Gains(law.nodes, values))
     if law is None or isinstance(law, int | float | np.number | tuple):
-        numbers = (0.0,) * len(command._fields) if law is None else law if isinstance(law, tuple) else (law,)
+        constant = law if isinstance(law, tuple) else (law,)
+        numbers = (0.0,) * len(command._fields) if law is None else constant
         require(
             len(numbers) == len(command._fields) and all(map(is_number, numbers)),
             f"law {law!r}: a constant command is {len(command._fields)} numbers: {', '.join(command._fields)}; they "

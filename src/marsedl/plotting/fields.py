@@ -193,7 +193,9 @@ def _unit(path: str, declared: Quantity, chosen: Mapping[int, str]) -> str:
         units = [declared.dims[place].units[component] for place, component in chosen.items()]
         if len(units) == 2 and "" not in units:
             first, second = (f"({unit})" if "/" in unit else unit for unit in units)
-            return "1" if units == ["1", "1"] else f"{first}^2" if first == second else f"{first} {second}"
+            if units == ["1", "1"]:
+                return "1"
+            return f"{first}^2" if first == second else f"{first} {second}"
         return declared.unit
     units = declared.unit.split(", ")
     if len(units) == 1:

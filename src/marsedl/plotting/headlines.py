@@ -66,10 +66,11 @@ def headline_picture(rows: Iterable[Claim], beside: Mapping[str, Mapping[str, st
             panels.setdefault(f"Headline numbers, {row.unit}", []).append(bar_of(row.plain, row.id, by_id))
     limits = [limit_of(row) for row in headline if row.is_statement and row.result.margin]
     laid = [_laid_out([(one.label, _of_bar(one)) for one in bars]) for bars in panels.values()]
-    laid += [_laid_out([one.texts for one in limits])] * bool(limits)
+    if limits:
+        laid.append(_laid_out([one.texts for one in limits]))
     heights = [_MARGIN + placed[-1].bottom for placed in laid] or [1.0]
     figure, axes = new_figure(_WIDTH, sum(heights), nrows=len(heights), squeeze=False, height_ratios=heights)
-    letters = [f"({letter}) " * (len(heights) > 1) for letter in ascii_lowercase]
+    letters = [f"({letter}) " if len(heights) > 1 else "" for letter in ascii_lowercase]
     for ax, letter, (title, bars), placed in zip(axes[:, 0], letters, panels.items(), laid, strict=False):
         _draw_bars(ax, bars, placed)
         _finish(ax, f"{letter}{title}", placed)
@@ -104,7 +105,12 @@ def limit_of(row: Claim) -> Limit:
     """Return the row of a statement."""
     margin = row.result.margin
     above = (margin.value > margin.limit) == bool(row.result.value)
-    ratio = margin.value / margin.limit if margin.limit else np.inf if margin.value > 0 else 0.0
+    if margin.limit:
+        ratio = margin.value / margin.limit
+    elif margin.value > 0:
+        ratio = np.inf
+    else:
+        ratio = 0.0
     error = (margin.standard_error or 0.0) / abs(margin.limit or np.inf)
     value, limit = told_apart(margin.value, margin.limit)
     value = format_number(margin.value, margin.standard_error) if margin.standard_error else value
@@ -146,7 +152,8 @@ def _draw_bars(ax, bars: Sequence[Bar], rows: Sequence[Row]) -> None:
             ax.plot(printed, above, color=BLACK, lw=4, solid_capstyle="butt", label="printed")
             ax.plot(found, below, color=BLUE, lw=4, solid_capstyle="butt", label="ours")
             ax.errorbar(found, below, xerr=error, fmt="none", ecolor=SKY, capsize=3)
-    ax.set_xlabel("number over the printed one" if mixed else "" if bars[0].unit == "1" else bars[0].unit)
+    unit = "" if bars[0].unit == "1" else bars[0].unit
+    ax.set_xlabel("number over the printed one" if mixed else unit)
 
 
 def _draw_limits(ax, limits: Sequence[Limit], rows: Sequence[Row]) -> None:
@@ -155,7 +162,9 @@ def _draw_limits(ax, limits: Sequence[Limit], rows: Sequence[Row]) -> None:
         place = np.clip(one.ratio, 1.0 / _ENDS, _ENDS)
         left, right = (1.0, 2.0 * _ENDS) if one.holds_above else (0.5 / _ENDS, 1.0)
         ax.barh(row.marks, right - left, left=left, height=0.14, color=SKY, alpha=0.3, label="it holds here")
-        marker = "o" if place == one.ratio else ">" if one.ratio > 1.0 else "<"
+        marker = "o"
+        if place != one.ratio:
+            marker = ">" if one.ratio > 1.0 else "<"
         error = [min(one.error, 0.9 * place)] if one.error and place == one.ratio else None
         ax.errorbar([place], [row.marks], xerr=error, fmt=marker, color=BLUE, ms=5, capsize=3, label="ours")
         ax.vlines(1.0, row.marks - 0.1, row.marks + 0.1, color=BLACK, lw=1.5, label="limit", zorder=1)

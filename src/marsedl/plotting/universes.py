@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
-from marsedl.replication.claims.claim import REFUTED_VERDICTS, STANDING_VERDICTS
+from marsedl.replication.claims.claim import AGREEING_VERDICTS, REFUTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge
@@ -35,7 +35,7 @@ def specification_curve(judge: Judge, claim: str, title: str):
     )
     x = np.arange(len(order))
     groups = {
-        "reproduced or holds": np.isin(verdicts, STANDING_VERDICTS),
+        "reproduced or holds": np.isin(verdicts, AGREEING_VERDICTS),
         "differs or fails": np.isin(verdicts, REFUTED_VERDICTS),
     }
     groups["undetermined"] = ~np.any(list(groups.values()), axis=0)
@@ -154,8 +154,8 @@ def heat_map(judge: Judge, claims: Sequence[str]):
 
 
 def _turns(before: str, after: str) -> bool:
-    return (before in STANDING_VERDICTS and after in REFUTED_VERDICTS) or (
-        before in REFUTED_VERDICTS and after in STANDING_VERDICTS
+    return (before in AGREEING_VERDICTS and after in REFUTED_VERDICTS) or (
+        before in REFUTED_VERDICTS and after in AGREEING_VERDICTS
     )
 
 

@@ -11,7 +11,7 @@ from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.quotes import (
     Quotes,
     accept,
-    committed,
+    accepted,
     numbers_of,
     quotes_in,
     with_numbers,
@@ -144,12 +144,12 @@ def test_the_numbers_of_an_accepted_build_are_kept_for_texts_that_have_no_build(
     paper = Paper(*("toy", "", "", ""), figures={"fig01": Product("{mass:.0f} kg, {mean[1]} m")})
     path = accept(tmp_path, {"toy": (paper, QUOTES)})
     assert path.read_text(encoding="utf-8").count(":.0f") == 1
-    assert with_numbers(paper, committed(tmp_path, "toy")).figures["fig01"].caption == "1349 kg, 50.25 m"
+    assert with_numbers(paper, accepted(tmp_path, "toy")).figures["fig01"].caption == "1349 kg, 50.25 m"
     later = replace(paper, figures={"fig01": Product("{mass:.1f} kg")})
     missing = r"^toy: figures\.fig01\.caption: .*has no \{mass:\.1f\}; run 'marsedl accept'"
     with pytest.raises(InputError, match=missing):
-        with_numbers(later, committed(tmp_path, "toy"))
-    assert fill("No numbers.", committed(tmp_path, "another")) == "No numbers."
+        with_numbers(later, accepted(tmp_path, "toy"))
+    assert fill("No numbers.", accepted(tmp_path, "another")) == "No numbers."
 
 
 @pytest.mark.parametrize("slug", SLUGS)
@@ -158,4 +158,4 @@ def test_texts_quote_claims_and_readings_that_exist_and_their_numbers_are_commit
     readings = list(read_yaml(ROOT / "configs" / f"{slug}.yaml")["readings"])
     rows = [claim(printed.id, printed.printed) for printed in published]
     quoted = numbers_of(catalogue(slug), Quotes(rows, readings))
-    assert list(committed(ROOT, slug)) == list(quoted)
+    assert list(accepted(ROOT, slug)) == list(quoted)

@@ -10,7 +10,7 @@ from marsedl.replication.sizes import FULL
 
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
-STANDING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim stands
+AGREEING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim agrees with the paper
 BY_CONSTRUCTION = "by_construction"  # what cannot fail
 # Inputs, literature and what cannot fail: shown, never counted.
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted", BY_CONSTRUCTION)

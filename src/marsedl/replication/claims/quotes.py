@@ -25,7 +25,7 @@ from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline.catalogue import Erratum, Paper, Product
 
-COMMITTED = Path("data/reference/quotes.json")  # what texts quote of the last accepted build, for the documentation
+ACCEPTED = Path("data/reference/quotes.json")  # what texts quote of the last accepted build, for the documentation
 _QUOTE = re.compile(r"[A-Za-z]\w*(\.\w+|\[\d+\])*")
 
 
@@ -44,7 +44,7 @@ def with_own_numbers(reason: str, numbers: Mapping[str, Mapping[str, Any] | None
 
     numbers: those of the claim by reading and name, None for a reading without any; reading: that which is not named.
     """
-    readings = {name: _absent() if own is None else own for name, own in numbers.items()}
+    readings = {name: _absent() if of_reading is None else of_reading for name, of_reading in numbers.items()}
     if both := readings.keys() & readings[reading].keys():
         raise ValueError(f"'{min(both)}' is the name of a reading and of a number")
     return _filled(reason, partial(_number, readings[reading] | readings))
@@ -85,9 +85,9 @@ def _numbers(row: Claim, reading: str) -> Mapping[str, Any]:
     if result is None or result.verdict is None:
         return _absent() | printed
     numbers = {name: None for other in row.readings.values() for name in other.numbers}
-    own = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
+    always = {name: getattr(result, name) for name in ("value", "standard_error", "trials")}
     margin = result.margin.model_dump() if result.margin else defaultdict(lambda: None)
-    return numbers | result.numbers | own | printed | {"margin": margin}
+    return numbers | result.numbers | always | printed | {"margin": margin}
 
 
 def _number(names: Mapping[str, Any], quote: str) -> str:
@@ -121,24 +121,24 @@ def _filled(text: str, number: Callable[[str], str]) -> str:
     return "".join(words + (quote and number(quote)) for words, quote in quotes_in(text))
 
 
-class Committed(dict):
+class Accepted(dict):
     """Numbers that were accepted with the last full build, as text by the quote as it is written."""
 
     def __missing__(self, quote: str) -> None:
         """Reject a quote that was not accepted yet."""
-        raise ValueError(f"{COMMITTED} has no {{{quote}}}; run 'marsedl accept' after a full build")
+        raise ValueError(f"{ACCEPTED} has no {{{quote}}}; run 'marsedl accept' after a full build")
 
 
-def committed(root: Path, slug: str) -> Committed:
+def accepted(root: Path, slug: str) -> Accepted:
     """Return the accepted numbers of a paper."""
-    return Committed(json.loads((root / COMMITTED).read_text(encoding="utf-8")).get(slug, {}))
+    return Accepted(json.loads((root / ACCEPTED).read_text(encoding="utf-8")).get(slug, {}))
 
 
 def accept(root: Path, papers: Mapping[str, tuple[Paper, Quotes]]) -> Path:
     """Commit the numbers that the texts of all papers quote; returns the file."""
     numbers = {slug: numbers_of(*paper) for slug, paper in papers.items()}
-    write_text(root / COMMITTED, json.dumps(numbers, indent=1, ensure_ascii=False) + "\n")
-    return root / COMMITTED
+    write_text(root / ACCEPTED, json.dumps(numbers, indent=1, ensure_ascii=False) + "\n")
+    return root / ACCEPTED
 
 
 def numbers_of(paper: Paper, quotes: Quotes) -> dict[str, str]:

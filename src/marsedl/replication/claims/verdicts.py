@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from marsedl.replication.claims.claim import (
+    AGREEING_VERDICTS,
     BY_CONSTRUCTION,
     MEASURED,
     REFUTED_VERDICTS,
-    STANDING_VERDICTS,
     UNEXPLAINED,
     Claim,
     Doubt,
@@ -136,19 +136,31 @@ def collect(
                 " without a reason that names an erratum or a choice"
             )
         reason = UNEXPLAINED if unexplained else _reason(claim, declaration, first, evaluations, verdict, left_out)
-        given = {name: value for name, value in (vars(declaration) | vars(claim)).items() if name in Claim.model_fields}
-        given |= {
-            "printed": finite_values(claim.printed, infinity="inf"),
-            "size": size,
-            "verdict": verdict,
-            "reading": first,
-            "reason": reason,
-            "by_construction": declaration.by_construction or evaluations[first].by_construction,
-            "readings": results,
-            "counterexample": None,
-            "thin": verdict in ("holds", "reproduced") and bool(margin) and (margin.distance or 0.0) > THIN,
-        }
-        rows.append(Claim(**given))
+        row = Claim(
+            paper=claim.paper,
+            size=size,
+            id=claim.id,
+            where=claim.where,
+            quantity=claim.quantity,
+            plain=claim.plain,
+            unit=claim.unit,
+            kind=claim.kind,
+            printed=finite_values(claim.printed, infinity="inf"),
+            resolution=claim.resolution,
+            trials=claim.trials,
+            note=claim.note,
+            headline=claim.headline,
+            verdict=verdict,
+            reading=first,
+            reason=reason,
+            errata=declaration.errata,
+            choices=declaration.choices,
+            close=declaration.close,
+            by_construction=declaration.by_construction or evaluations[first].by_construction,
+            readings=results,
+            thin=verdict in ("holds", "reproduced") and bool(margin) and (margin.distance or 0.0) > THIN,
+        )
+        rows.append(row)
     return rows
 
 
@@ -166,31 +178,32 @@ def judge(
     """
     declaration = declaration or Declaration()
     judged = _judged(claim, evaluation, declaration.close, corrected or evaluation)
-    confirmed = judged["verdict"] in (*STANDING_VERDICTS, "undetermined")
+    confirmed = judged.verdict in (*AGREEING_VERDICTS, "undetermined")
     # A statement may be false by construction; numbers that differ were not bound to agree.
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
     if bound or (declaration.by_construction and confirmed):
-        judged |= {"verdict": BY_CONSTRUCTION, "components": None, "doubts": ()}
+        judged = Result(verdict=BY_CONSTRUCTION, margin=judged.margin)
     return Result(
         value=finite_values(evaluation.value, infinity="inf" if claim.kind == "input" else None),
         standard_error=finite_values(evaluation.standard_error),
         trials=evaluation.trials,
         numbers={name: finite_values(number) for name, number in evaluation.numbers.items()},
         evidence=evaluation.evidence,
-        **judged,
+        verdict=judged.verdict,
+        components=judged.components,
+        doubts=judged.doubts,
+        margin=judged.margin,
     )
 
 
-def _judged(
-    claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | None, corrected: Evaluation
-) -> dict[str, Any]:
-    """The verdict and what it rests on, as fields of a `Result`."""
+def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | None, corrected: Evaluation) -> Result:
+    """The verdict by the rule of the claim's kind, with what it rests on and without the evaluated numbers."""
     if claim.kind == "context":
-        return {"verdict": "quoted"}
+        return Result(verdict="quoted")
     if claim.kind == "undetermined":
-        return {"verdict": "undetermined", "doubts": (Doubt(why="the paper's own problem does not fix the value"),)}
+        return Result(verdict="undetermined", doubts=(Doubt(why="the paper's own problem does not fix the value"),))
     if evaluation.value is None:
-        return {"verdict": None}
+        return Result(verdict=None)
 
     def refuse(problem: str) -> ArtifactError:
         return ArtifactError(f"{claim.paper}: claim {claim.id}: {problem}")
@@ -200,13 +213,13 @@ def _judged(
         raise refuse(f"the value {evaluation.value!r} does not have the shape of the printed {claim.printed!r}")
     if claim.kind == "input":
         used = all(map(_used_literally, values.flat, printed.flat))
-        return {"verdict": "as_stated" if used else "not_as_stated"}
+        return Result(verdict="as_stated" if used else "not_as_stated")
     if claim.kind == "qualitative":
         if not isinstance(evaluation.value, bool):
             raise refuse(f"a statement is decided by true or false, found {evaluation.value!r}")
         verdict = "holds" if evaluation.value == claim.printed else "fails"
         verdict = "undetermined" if evaluation.doubts else verdict
-        return {"verdict": verdict, "margin": evaluation.margin, "doubts": evaluation.doubts}
+        return Result(verdict=verdict, doubts=evaluation.doubts, margin=evaluation.margin)
     if not all(map(is_number, values.flat)):
         raise refuse(f"expected numbers, found {evaluation.value!r}")
 
@@ -233,8 +246,8 @@ def _narrow(claim: PublishedClaim, errors: np.ndarray, trials: int) -> np.ndarra
 
     errors, trials: those of `corrected`, by which the paper's own are known.
     """
-    own = np.nan_to_num(np.sqrt(trials / claim.trials) * errors)
-    return np.maximum(own, WIDE * np.abs(np.array(claim.printed, dtype=float)))
+    of_paper = np.nan_to_num(np.sqrt(trials / claim.trials) * errors)
+    return np.maximum(of_paper, WIDE * np.abs(np.array(claim.printed, dtype=float)))
 
 
 def verdicts_in_universes(
@@ -309,7 +322,7 @@ def _against_limits(values, printed, half, errors, paper_errors) -> tuple[np.nda
     return size, half * (1 + 2e-9) + 1e-15 * np.abs(printed).astype(float) + SIGMAS * combined, combined
 
 
-def _compared(values, printed, half, bounds, errors, paper_errors, narrow, trials) -> dict[str, Any]:
+def _compared(values, printed, half, bounds, errors, paper_errors, narrow, trials) -> Result:
     """Judge numbers, of which the worst gives the verdict.
 
     half: of the last printed digits; bounds: of what is close, 0 if nothing is; errors, paper_errors: standard errors,
@@ -321,22 +334,22 @@ def _compared(values, printed, half, bounds, errors, paper_errors, narrow, trial
     size, limits, combined = _against_limits(values, printed, half, errors, paper_errors)
     differences, room = values - printed, np.abs(size - limits)
     verdict = next(one for one in _WORST_FIRST if one in verdicts)
-    judged: dict[str, Any] = {"verdict": verdict}
-    if shape:
-        judged["components"] = verdicts.reshape(shape).tolist()
+    components = verdicts.reshape(shape).tolist() if shape else None
     deciding = np.flatnonzero(verdicts == verdict)
     if np.isnan(errors[deciding]).any():
-        return judged | {"doubts": (Doubt(why="so few trials give no standard error"),)}
+        doubt = Doubt(why="so few trials give no standard error")
+        return Result(verdict=verdict, components=components, doubts=(doubt,))
+    doubts = ()
     if verdict == "undetermined":
         of = (array[deciding] for array in (size - half, errors, paper_errors, narrow))
         doubt = Doubt(why="our sampling error decides", trials=settling(max(map(_more, *of)), trials))
         if _is_zero_as_good(printed, limits, combined):
             doubt = Doubt(why="zero would reproduce it as well")
-        judged["doubts"] = (doubt,)
+        doubts = (doubt,)
     sampled = combined > 0.0
     distance = room / np.where(sampled, combined, half)
     at = deciding[(np.argmax if verdict == "differs" else np.argmin)(distance[deciding])]
-    judged["margin"] = Margin(
+    margin = Margin(
         measure="difference from the printed value",
         value=differences[at],
         limit=limits[at],
@@ -345,7 +358,7 @@ def _compared(values, printed, half, bounds, errors, paper_errors, narrow, trial
         scale="standard errors" if sampled[at] else "limits",
         standard_error=combined[at],
     )
-    return judged
+    return Result(verdict=verdict, components=components, doubts=doubts, margin=margin)
 
 
 def _more(beyond: float, error: float, paper_error: float, narrow: float) -> float:
@@ -387,8 +400,8 @@ def _reason(claim, declaration, first, evaluations, verdict, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     numbers: dict[str, dict | None] = dict.fromkeys(left_out)
     for name, evaluation in evaluations.items():
-        own = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
-        numbers[name] = None if evaluation.failed else own | evaluation.numbers
+        always = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
+        numbers[name] = None if evaluation.failed else always | evaluation.numbers
     try:
         text = with_own_numbers(declaration.reason, numbers, first)
     except (ValueError, TypeError) as error:

@@ -10,7 +10,7 @@ import hashlib
 import inspect
 import json
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,7 +21,13 @@ from marsedl.replication.inputs import CORRECTED, PRINTED
 from marsedl.replication.inputs.choices import Assignment, Choices, Sources, inputs_set, of_written, source_of_key
 from marsedl.replication.inputs.messages import Keys, Place, checked, sentence
 from marsedl.replication.inputs.sections import Inputs, Section
-from marsedl.replication.inputs.written import Settings, WrittenReading, configuration, own_configuration
+from marsedl.replication.inputs.written import (
+    Settings,
+    WrittenReading,
+    WrittenUniverses,
+    configuration,
+    own_configuration,
+)
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.sizes import FULL
 
@@ -51,6 +57,14 @@ class Reading:
         return {case: number for case, number in trials.items() if number}
 
 
+class Designs(typing.NamedTuple):
+    """Which universes are computed."""
+
+    space_filling: int = 0  # so many fill the space of choices
+    one_at_a_time: Sequence[str] | None = None  # the choices that are varied by themselves; None: all
+    at_most: int | None = None  # so many of these, with `corrected`; None: all
+
+
 @dataclass(frozen=True)
 class Study:
     """All of a paper's configuration: its readings, its choices and the number of chunks of each Monte Carlo case.
@@ -70,9 +84,8 @@ class Study:
     size: str = FULL
     choices: Choices = field(default_factory=Choices)
     own_choices: Mapping = field(default_factory=dict)
-    universes: typing.Any = None
-    # How many universes fill the space, which choices are varied by themselves (None: all), in how many at most.
-    designs: tuple[int, typing.Sequence[str] | None, int | None] = (0, None, None)
+    universes: WrittenUniverses | None = None
+    designs: Designs = field(default_factory=Designs)  # of a build's universes
     whole: int = 0  # universes that fill the space in a new run, which varies all choices by themselves
     universe_jobs: int = 1
     root: Path = Path()  # of the files that inputs name
@@ -96,8 +109,8 @@ class Study:
         sources |= dict(source_of_key(model, key, value) for key, value in inputs.items())
         for name in [name for name in sources if name.endswith(".seed")]:
             sources[name] = replace(sources[name], value=sources[name].value + seed)
-        made = _inputs(model, self.root, sources, Place("universe"))
-        return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=made, sources=sources))
+        typed = _inputs(model, self.root, sources, Place("universe"))
+        return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=typed, sources=sources))
 
     def without_own_readings(self) -> "Study":
         """Return the configuration without the readings of a user's file."""
@@ -109,9 +122,9 @@ class Study:
         """Return a reading with the limits of the size that is built and of universes, of which the lowest counts."""
         lowest: dict[str, dict[str, float]] = {}
         for limits, place in self.limits:
-            for section, own in limits.items():
+            for section, of_section in limits.items():
                 of = lowest.setdefault(section, {})
-                of.update({name: min(limit, of.get(name, limit)) for name, limit in own.items()})
+                of.update({name: min(limit, of.get(name, limit)) for name, limit in of_section.items()})
             reading = _limited(reading, self.root, {section: lowest[section] for section in limits}, place)
         return reading
 
@@ -127,22 +140,22 @@ def load_studies(
 
     Raises InputError with file, line, key, what is wrong and the remedy, before anything is computed.
     """
-    own = own_configuration(models)
+    configuration_of_user = own_configuration(models)
     files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
     for file in files:
         try:
-            checked(own, file.document, file)
+            checked(configuration_of_user, file.document, file)
         except InputError as error:
             raise InputError("\n".join([str(error), *_unknown_bases(file, models, root)])) from None
     places = _own_places(models, files)
     # Settings of the command line count before those of a file, and of files the last.
     of_files = {key: part for file in files for key, part in file.document.items() if key not in models}
     config = of_files | copy.deepcopy(dict(config))
-    checked(own, config, Place("--config"))
+    checked(configuration_of_user, config, Place("--config"))
     for (slug, kind, name), at in places.items():
         if config.setdefault(slug, {}).setdefault(kind, {}).setdefault(name, at.written()) != at.written():
             raise InputError(f"{at}: --config changes it; write the change into the file")
-    settings = checked(own, config, Place("--config"))
+    settings = checked(configuration_of_user, config, Place("--config"))
     studies = {}
     for slug, model in models.items():
         study = _study(slug, model, root, settings, places, files)
@@ -155,9 +168,9 @@ def _unknown_bases(file: Place, models: Iterable[str], root: Path) -> Iterator[s
     for slug in models:
         place = file / slug / "readings"
         with contextlib.suppress(KeyError, TypeError, AttributeError):  # nothing is written there, or something else
-            own = place.written()
-            bases = [(name, body["based_on"]) for name, body in own.items() if "based_on" in body]
-            known = {*own, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
+            named = place.written()
+            bases = [(name, body["based_on"]) for name, body in named.items() if "based_on" in body]
+            known = {*named, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
             for name, base in bases:
                 if base not in known:
                     at = place / name / "based_on"
@@ -227,19 +240,30 @@ def _study(
         choices = choices.placed(readings[PRINTED].sources, readings[CORRECTED].sources, at)
     choices = replace(choices, base=choices.checked(file.universes.choices, place / "universes" / "choices"))
     bounds = [(file.universes.model_dump(exclude_unset=True, include=set(model.sections())), place / "universes")]
-    designs, jobs = (file.universes.space_filling, file.universes.one_at_a_time, None), file.universes.jobs
+    designs, jobs = Designs(file.universes.space_filling, file.universes.one_at_a_time), file.universes.jobs
     if settings.size != FULL:
         limits, left_out = _size(file, settings.size, place, files)
         # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
         place = place / "sizes" / settings.size
         readings = {name: _limited(reading, root, limits, place) for name, reading in readings.items()}
-        bounds, designs, jobs = [(limits, place), *bounds], (SMALL, designs[1], 1 + SMALL), 1
+        bounds, designs, jobs = [(limits, place), *bounds], Designs(SMALL, designs.one_at_a_time, 1 + SMALL), 1
     chunks = {case: settings.chunks or number for case, number in file.chunks.model_dump().items()}
     built = tuple(name for name in readings if name in (PRINTED, CORRECTED, *part.readings))
     return Study(
-        *(slug, readings, chunks, built, tuple(name for name in readings if name not in {*built, *left_out})),
-        *(frozenset(part.readings), settings.size, choices, {}, file.universes, designs),
-        *(settings.universes or file.universes.multiverse, settings.chunks or jobs, root, tuple(bounds)),
+        paper=slug,
+        readings=readings,
+        chunks=chunks,
+        built=built,
+        points=tuple(name for name in readings if name not in {*built, *left_out}),
+        own_readings=frozenset(part.readings),
+        size=settings.size,
+        choices=choices,
+        universes=file.universes,
+        designs=designs,
+        whole=settings.universes or file.universes.multiverse,
+        universe_jobs=settings.chunks or jobs,
+        root=root,
+        limits=tuple(bounds),
     )
 
 
@@ -256,7 +280,7 @@ def _size(file: Keys, size: str, place: Place, files: Iterable[Place]) -> tuple[
     """Return the limits of a size, by section, and the readings of the file that it does not compare."""
     if size not in file.sizes:
         hint = nearest(size, [FULL, *file.sizes])
-        asked = [f"{own / 'size'}: {size}" for own in files if own.document.get("size") == size]
+        asked = [f"{one / 'size'}: {size}" for one in files if one.document.get("size") == size]
         raise InputError(f"{[*asked, f'--config size={size}'][0]}: {place.origin} defines no such size; {hint}")
     limits, place = file.sizes[size].model_dump(exclude_unset=True), place / "sizes" / size / "readings"
     names = limits.pop("readings", list(file.readings))
@@ -347,5 +371,7 @@ def _lowered(value: object, limit: float) -> object:
     """Return a number or a list of them with none above a limit; the section refuses a limit of anything else."""
     if isinstance(value, list):
         return [_lowered(entry, limit) for entry in value]
+    if value is None:
+        return None
     limit = int(limit) if limit.is_integer() else limit
-    return value if value is None else min(value, limit) if isinstance(value, int | float) else limit
+    return min(value, limit) if isinstance(value, int | float) else limit

@@ -38,9 +38,22 @@ SOURCE_ROOT = Path(__file__).parents[3]
 MACHINERY = frozenset(
     f"{PACKAGE}.replication.{name}"
     for name in (
-        *("errors", "files", "terminal", "records.fields", "records.store", "records.recipes", "records.differences"),
-        *("pipeline.fingerprints", "pipeline.kernel_cache", "pipeline.numerics", "pipeline.libraries"),
-        *("pipeline.sharing", "pipeline.products", "pipeline.staleness", "pipeline.runner", "pipeline.jobs"),
+        "errors",
+        "files",
+        "terminal",
+        "records.fields",
+        "records.store",
+        "records.recipes",
+        "records.differences",
+        "pipeline.fingerprints",
+        "pipeline.kernel_cache",
+        "pipeline.numerics",
+        "pipeline.libraries",
+        "pipeline.products",
+        "pipeline.sharing",
+        "pipeline.staleness",
+        "pipeline.runner",
+        "pipeline.jobs",
     )
 )
 # What is said of a claim and measures nothing: by `claim(...)`, beside the reason; and what turns verdicts.

@@ -27,7 +27,9 @@ def written(reading: Reading, name: str) -> str:
     """Return an input of a reading as it is written; with its suffix if it has one."""
     key, value, _ = reading["inputs"][name]
     suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
-    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
+    text = json.dumps(value) if isinstance(value, list) else str(value)
+    if value is None:
+        text = "–"
     return f"{text} {suffix}".strip()
 
 
@@ -60,15 +62,15 @@ def paper_report(
 
     Raises ArtifactError if an artifact is missing or damaged, InputError if a text quotes a number that does not exist.
     """
-    claims, files, names = [row for row in claims if row.paper == catalogue.slug], paths[CORRECTED], model.names()
+    claims = [row for row in claims if row.paper == catalogue.slug]
     return PaperReport(
-        with_numbers(catalogue, Quotes(claims, readings)),
-        claims,
-        readings,
-        decided,
-        {name: (model.unit(name), model.meaning(name)) for name in names},
-        [one for solve in catalogue.solves if (one := solved(solve, paths))],
-        provenance(files),
+        catalogue=with_numbers(catalogue, Quotes(claims, readings)),
+        claims=claims,
+        readings=readings,
+        decided=decided,
+        inputs={name: (model.unit(name), model.meaning(name)) for name in model.names()},
+        solves=[one for solve in catalogue.solves if (one := solved(solve, paths))],
+        provenance=provenance(paths[CORRECTED]),
     )
 
 

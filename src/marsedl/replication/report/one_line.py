@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from marsedl.replication.claims.claim import STANDING_VERDICTS, Cause, Claim, Doubt, Margin
+from marsedl.replication.claims.claim import AGREEING_VERDICTS, Cause, Claim, Doubt, Margin
 from marsedl.replication.claims.numbers import flatten, format_number
 from marsedl.replication.claims.rows import format_result
 from marsedl.replication.claims.thresholds import ROUNDING
@@ -31,7 +31,7 @@ def shown(row: Claim) -> str:
         return "no value" if result.verdict == "differs" else ""
     verdicts = [verdict for verdict in flatten(result.components).values() if verdict]
     if len(verdicts) > 2:
-        return f"{sum(verdict in STANDING_VERDICTS for verdict in verdicts)} of {len(verdicts)} agree"
+        return f"{sum(verdict in AGREEING_VERDICTS for verdict in verdicts)} of {len(verdicts)} agree"
     texts, units = format_result(row, row.reading), [row.unit_of(index) for index in flatten(result.value)]
     if differ := len(set(units)) > 1:
         texts = [with_unit(*pair) for pair in zip(texts, units, strict=True)]
@@ -62,7 +62,7 @@ def cause(row: Claim) -> str:
         return ""
     misprint, text = row.universes.misprint, "No choice that we varied by itself explains it"
     if one := row.universes.cause:
-        does = _does(row) if one.verdict in STANDING_VERDICTS else f"comes nearest to {_target(row)}"
+        does = _does(row) if one.verdict in AGREEING_VERDICTS else f"comes nearest to {_target(row)}"
         text = f"{_named(one).capitalize()} ({one.why}) {does}"
         if None not in (one.number, one.corrected) and one.number != one.corrected:
             ends = [near(end, one.number - one.corrected) for end in (one.corrected, one.number)]
@@ -84,7 +84,7 @@ def _target(row: Claim) -> str:
 
 def odd_one_out(row: Claim) -> str:
     """Return in how many universes a claim is true if most of enough decide against `corrected`; else empty."""
-    one, is_true = row.universes, row.verdict in STANDING_VERDICTS
+    one, is_true = row.universes, row.verdict in AGREEING_VERDICTS
     is_decided = one and one.of and one.label != "too_few" and (is_true or row.is_refuted)
     if not is_decided or (2 * one.true > one.of) == is_true:
         return ""

@@ -104,11 +104,25 @@ def _templates() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    of_one_line = (one_line.shown, one_line.cut, one_line.limit, one_line.cause, one_line.remark)
-    of_text = (one_line.short_doubt, one_line.first_sentence, one_line.shown_unit, one_line.near)
-    of_names = (figure_label, written, in_words, one_line.odd_one_out)
-    here = (capital, _json, _said, _components, _title)
-    templates.filters |= {use.__name__.removeprefix("_"): use for use in (*of_one_line, *of_text, *of_names, *here)} | {
+    templates.filters |= {
+        "shown": one_line.shown,
+        "cut": one_line.cut,
+        "limit": one_line.limit,
+        "cause": one_line.cause,
+        "remark": one_line.remark,
+        "odd_one_out": one_line.odd_one_out,
+        "short_doubt": one_line.short_doubt,
+        "first_sentence": one_line.first_sentence,
+        "shown_unit": one_line.shown_unit,
+        "near": one_line.near,
+        "figure_label": figure_label,
+        "written": written,
+        "in_words": in_words,
+        "capital": capital,
+        "json": _json,
+        "said": _said,
+        "components": _components,
+        "title": _title,
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, STANDING_VERDICTS, Claim, Standing
+from marsedl.replication.claims.claim import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS, Claim, Standing
 from marsedl.replication.claims.counts import capital
 from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
@@ -137,11 +137,11 @@ def decided(claims: Sequence[Claim], errata: Iterable[Erratum], judge: Judge, ma
     effects = [_of_erratum(one, claims, judged, judge) for one in errata]
     number = _deciding_number(judged, judge)
     run = Run(
-        len(judge.table.number),
-        int(judge.among(SPACE_FILLING).sum()),
-        judge.is_committed,
-        judge.computed,
-        judge.second_seed(),
+        universes=len(judge.table.number),
+        filling=int(judge.among(SPACE_FILLING).sum()),
+        is_committed=judge.is_committed,
+        computed=judge.computed,
+        seeds=judge.second_seed(),
     )
     ranked = tuple(sorted(effects, key=_by_rank))
     of_all = joint(judge, matching)
@@ -171,8 +171,12 @@ def _of_erratum(erratum: Erratum, claims: Sequence[Claim], judged: Sequence[Clai
     }
     named = [row for row in claims if erratum.id in row.errata]
     refuted = _ids(row for row in named if row.is_refuted)
-    unranked = "nothing" if changed else "named" if refuted else "not_varied"
-    rank = next((rank for rank in found if found[rank]), unranked)
+    if ranks := [rank for rank in found if found[rank]]:
+        rank = ranks[0]
+    elif changed:
+        rank = "nothing"
+    else:
+        rank = "named" if refuted else "not_varied"
     about = tuple(dict.fromkeys([*_ids(named), *found["verdicts"]]))
     return ErratumEffect(erratum.id, rank, choices, **found, effect=effect, about=about, refuted=refuted)
 
@@ -220,9 +224,18 @@ def _left_open(number: Number | None, judge: Judge) -> tuple[Open, ...]:
     failing = {effect.choice for effect in effects if effect.cause in FAILURES}
     found = []
     for one in (one for one in judge.choices if not one.erratum):
-        ends = _range(effects, one.name)
-        words = one.asks, bool(one.entered), in_words(one.corrected), _others(one)
-        found.append(Open(one.name, *words, *ends, one.name in failing))
+        low, high = _range(effects, one.name)
+        left = Open(
+            choice=one.name,
+            asks=one.asks,
+            is_late=bool(one.entered),
+            ours=in_words(one.corrected),
+            others=_others(one),
+            low=low,
+            high=high,
+            no_result=one.name in failing,
+        )
+        found.append(left)
     return tuple(sorted(found, key=lambda one: -(one.high - one.low) if one.high > one.low else 0.0))
 
 
@@ -251,15 +264,15 @@ def _explorer(judged: Sequence[Claim], judge: Judge) -> dict[str, Any]:
     which that of `corrected` is `ours`; and `answers`, of each claim what is printed or its limit (`mark`, null if
     universes do not agree on it), and by universe value, error and the place of the verdict.
     """
-    own, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
-    assignment = zip(judge.choices, judge.table.assignment[own].T, strict=True)
+    same_streams, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
+    assignment = zip(judge.choices, judge.table.assignment[same_streams].T, strict=True)
     ordered = sorted(judged, key=lambda row: (not row.headline, row.headline or 0))
-    computed = [row for row in ordered if judge.has_result[own, judge.column[row.id]].any()]
+    computed = [row for row in ordered if judge.has_result[same_streams, judge.column[row.id]].any()]
     return {
-        "numbers": judge.table.number[own].tolist(),
-        "verdicts": [[in_words(one), one in STANDING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
+        "numbers": judge.table.number[same_streams].tolist(),
+        "verdicts": [[in_words(one), one in AGREEING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
         "knobs": [_knob(one, judge.choices.default(one), assigned) for one, assigned in assignment],
-        "answers": [_answer(row, judge, own, verdicts) for row in computed],
+        "answers": [_answer(row, judge, same_streams, verdicts) for row in computed],
     }
 
 
@@ -280,10 +293,10 @@ def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any
     return knob | {"values": values, "places": np.where(is_ours, 0, 1 + interval_of(shares, PARTS)).tolist()}
 
 
-def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
+def _answer(row: Claim, judge: Judge, same_streams: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
     at = judge.column[row.id]
-    value, error, limit = judge.numbers[:, own, judge.component_place(row.id)]
-    is_told, error = judge.has_result[own, at] & np.isfinite(value), np.nan_to_num(error)
+    value, error, limit = judge.numbers[:, same_streams, judge.component_place(row.id)]
+    is_told, error = judge.has_result[same_streams, at] & np.isfinite(value), np.nan_to_num(error)
     marks = np.unique(limit[np.isfinite(limit)]).tolist()
     return {
         "claim": row.id,
@@ -293,7 +306,7 @@ def _answer(row: Claim, judge: Judge, own: np.ndarray, verdicts: Sequence[str]) 
         "mark": marks[0] if len(marks) == 1 else None,
         "values": [float(f"{one:.4g}") if told else None for one, told in zip(value, is_told, strict=True)],
         "errors": [float(f"{one:.2g}") for one in error] if error.any() else None,
-        "verdicts": [verdicts.index(one) for one in judge.verdicts[own, at]],
+        "verdicts": [verdicts.index(one) for one in judge.verdicts[same_streams, at]],
     }
 
 
@@ -307,11 +320,25 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
         one = judge.judged(name)
         rows.append(
             (
-                *(name, one.component, one.verdict, one.label, ", ".join(one.alone), ", ".join(one.together)),
-                *(one.number, one.error or None, one.printed),
-                *(one.over_all.count, one.over_all.of, one.over_results.of, one.undetermined.count),
-                *(one.over_results.value, one.over_results.low, one.over_results.high),
-                *(one.nearest, one.its_universe, one.noise),
+                name,
+                one.component,
+                one.verdict,
+                one.label,
+                ", ".join(one.alone),
+                ", ".join(one.together),
+                one.number,
+                one.error or None,
+                one.printed,
+                one.over_all.count,
+                one.over_all.of,
+                one.over_results.of,
+                one.undetermined.count,
+                one.over_results.value,
+                one.over_results.low,
+                one.over_results.high,
+                one.nearest,
+                one.its_universe,
+                one.noise,
                 f"{one.cause.choice}: {one.cause.value}" if one.cause else "",
             )
         )

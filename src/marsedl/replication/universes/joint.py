@@ -35,7 +35,7 @@ class Predicted(NamedTuple):
     """How many claims of one half stand in the universe in which most of the other half stand, and in `corrected`."""
 
     universe: int
-    standing: int
+    agreeing: int
     in_corrected: int
     of: int
 
@@ -65,32 +65,32 @@ def joint(judge: Judge, matching: Matching) -> Joint:
 
 def _best(judge: Judge, places: Sequence[int]) -> Best:
     """The universe in which most of some claims, and then most of all, stand."""
-    table, headlines, claims = judge.table, judge.stands[:, places].sum(axis=1), judge.stands.sum(axis=1)
+    table, headlines, claims = judge.table, judge.agrees[:, places].sum(axis=1), judge.agrees.sum(axis=1)
     # Of equal ones the first that has its own random numbers from `corrected`.
     at = max(range(len(table.number)), key=lambda k: (headlines[k], table.seed[k] == 0, claims[k], -k))
     assignment, base = (decoded(judge.choices, table.assignment[k]) for k in (at, judge.base))
     again = np.flatnonzero(np.abs(table.number - table.number[at]) == AGAIN)
     return Best(
-        int(table.number[at]),
-        {name: value for name, value in assignment.items() if value != base.get(name)},
-        int(headlines[at]),
-        int(headlines[judge.base]),
-        len(places),
-        int(claims[at]),
-        int(claims[judge.base]),
-        int((judge.stands | judge.refuted).any(axis=0).sum()),
-        bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
+        universe=int(table.number[at]),
+        changed={name: value for name, value in assignment.items() if value != base.get(name)},
+        headlines=int(headlines[at]),
+        in_corrected=int(headlines[judge.base]),
+        of=len(places),
+        claims=int(claims[at]),
+        claims_in_corrected=int(claims[judge.base]),
+        of_claims=int((judge.agrees | judge.refuted).any(axis=0).sum()),
+        again=bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
     )
 
 
 def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]]:
     """The smallest sets of claims that stand together in no universe which decides all of them."""
-    stands, decided = judge.stands[:, places], (judge.stands | judge.refuted)[:, places]
+    agrees, decided = judge.agrees[:, places], (judge.agrees | judge.refuted)[:, places]
     for size in range(1, len(places) + 1):
         found = []
         for those in itertools.combinations(range(len(places)), size):
             use = decided[:, those].all(axis=1)
-            if use.any() and not stands[use][:, those].all(axis=1).any():
+            if use.any() and not agrees[use][:, those].all(axis=1).any():
                 found.append(those)
         if found:
             return found
@@ -99,11 +99,13 @@ def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]
 
 def _halves(judge: Judge) -> list[Predicted]:
     """How choices that fit one half of the claims, in turns, do on the other half."""
-    own, found, halves = np.flatnonzero(judge.table.seed == 0), [], (judge.stands[:, ::2], judge.stands[:, 1::2])
+    same_streams, found = np.flatnonzero(judge.table.seed == 0), []
+    halves = judge.agrees[:, ::2], judge.agrees[:, 1::2]
     for fitted, others in (halves, halves[::-1]):
-        at, standing = own[np.argmax(fitted.sum(axis=1)[own])], others.sum(axis=1)
-        number = int(judge.table.number[at])
-        found.append(Predicted(number, int(standing[at]), int(standing[judge.base]), others.shape[1]))
+        at, agreeing = same_streams[np.argmax(fitted.sum(axis=1)[same_streams])], others.sum(axis=1)
+        found.append(
+            Predicted(int(judge.table.number[at]), int(agreeing[at]), int(agreeing[judge.base]), others.shape[1])
+        )
     return found
 
 
@@ -140,8 +142,8 @@ def _of_waves(waves: Sequence[Wave]) -> list[str]:
     """What waves rule out, and whether their universes have more headlines than those before."""
     if len(waves) < 2:
         return []
-    last, own = waves[-1], [wave.standing for wave in waves]
+    last, agreeing = waves[-1], [wave.agreeing for wave in waves]
     left = f"{100 * last.volume:.2g} % of the choices are not ruled out" if last.volume else "no choices are left"
-    better = "more" if max(own[1:]) > own[0] else "no more"
-    means = f"{own[0]:.2g} headlines stand on average in the universes that fill the space"
+    better = "more" if max(agreeing[1:]) > agreeing[0] else "no more"
+    means = f"{agreeing[0]:.2g} headlines stand on average in the universes that fill the space"
     return [f"by the emulators {left} after {plural(len(waves) - 1, 'wave')}; {means}, {better} in those of the waves"]

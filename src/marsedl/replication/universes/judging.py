@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.replication.claims.claim import (
+    AGREEING_VERDICTS,
     BY_CONSTRUCTION,
     REFUTED_VERDICTS,
-    STANDING_VERDICTS,
     Cause,
     Claim,
     Result,
@@ -46,11 +46,9 @@ from marsedl.replication.universes.table import (
     size_of_change,
 )
 
-ROBUST, DEPENDS, NEVER, UNDECIDED, FEW, NOT_COMPUTED = (
-    *("robust", "depends", "never", "undecided"),
-    *("too_few", "not_computed"),
-)
-TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
+ROBUST, DEPENDS, NEVER = "robust", "depends", "never"  # labels
+UNDECIDED, FEW, NOT_COMPUTED = "undecided", "too_few", "not_computed"
+TRUE = (*AGREEING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
 FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
@@ -207,9 +205,9 @@ class Judge:
         self.of_numbers = np.full(self.numbers.shape[1:], "none", "<U16")  # of each component (universe, component)
         for name, at in self.column.items():
             self._judge(self.published[name], declarations[name], at)
-        self.stands = np.isin(self.verdicts, STANDING_VERDICTS)  # (universe, claim), as the next four
+        self.agrees = np.isin(self.verdicts, AGREEING_VERDICTS)  # (universe, claim), as the next four
         self.refuted = np.isin(self.verdicts, REFUTED_VERDICTS)
-        self.is_true = self.stands | (self.verdicts == BY_CONSTRUCTION)
+        self.is_true = self.agrees | (self.verdicts == BY_CONSTRUCTION)
         self.decided = self.is_true | self.refuted
         self.has_result = self.cause == RESULT
 
@@ -258,7 +256,7 @@ class Judge:
             verdicts = worst(of_numbers)
             self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
         bound = found == BY_CONSTRUCTION
-        confirmed = np.isin(verdicts, (*STANDING_VERDICTS, "undetermined"))
+        confirmed = np.isin(verdicts, (*AGREEING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
         verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
         self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, "none")
@@ -278,30 +276,41 @@ class Judge:
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
         at, place = self.column[claim], self.component_place(claim)
-        filled, stands, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
+        filled, is_true, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
         with_result = filled & self.has_result[:, at]
         effects = self.effects(claim)
         pairs = bool(self.published[claim].headline)  # of others they would take most of the time
         indices = self.indices(self.numbers[0][:, place], filled, claim, pairs=pairs)
-        of_verdict = self.indices(np.where(decided, stands, np.nan), filled, claim, pairs=pairs)
+        of_verdict = self.indices(np.where(decided, is_true, np.nan), filled, claim, pairs=pairs)
         label, in_readings = self._label(claim), self._in_readings(claim)
         by_itself = (*effects, *in_readings)
-        alone, together = self._depends_on(stands[self.base], by_itself, (*indices, *of_verdict))
+        if label == DEPENDS:
+            alone, together = self._depends_on(is_true[self.base], by_itself, (*indices, *of_verdict))
+        else:
+            alone, together = self._turning(is_true[self.base], by_itself), ()
+        number, error, printed = self.numbers[:, self.base, place].tolist()
+        cause, misprint = self._causes(claim, in_readings)
+        nearest, its_universe = self._nearest(claim, filled | self.among(ONE_AT_A_TIME))
         return Judged(
-            self.component[place][1],
-            self.verdict(claim),
-            *self.numbers[:, self.base, place].tolist(),
-            label,
-            *((alone, together) if label == DEPENDS else (self._turning(stands[self.base], by_itself), ())),
-            effects,
-            *self._causes(claim, in_readings),
-            share_of(stands, filled),
-            share_of(stands, with_result),
-            share_of(self.verdicts[:, at] == "undetermined", with_result),
-            int((filled & decided).sum()),
-            *self._nearest(claim, filled | self.among(ONE_AT_A_TIME)),
-            indices,
-            self._noise(place, filled),
+            component=self.component[place][1],
+            verdict=self.verdict(claim),
+            number=number,
+            error=error,
+            printed=printed,
+            label=label,
+            alone=alone,
+            together=together,
+            effects=effects,
+            cause=cause,
+            misprint=misprint,
+            over_all=share_of(is_true, filled),
+            over_results=share_of(is_true, with_result),
+            undetermined=share_of(self.verdicts[:, at] == "undetermined", with_result),
+            deciding=int((filled & decided).sum()),
+            nearest=nearest,
+            its_universe=its_universe,
+            indices=indices,
+            noise=self._noise(place, filled),
         )
 
     def _label(self, claim: str) -> str:
@@ -316,7 +325,9 @@ class Judge:
         true, false = verdicts & {*TRUE}, verdicts & {*REFUTED_VERDICTS}
         if true and false:
             return DEPENDS
-        return UNDECIDED if "undetermined" in verdicts else ROBUST if true else NEVER
+        if "undetermined" in verdicts:
+            return UNDECIDED
+        return ROBUST if true else NEVER
 
     def standing(self, claim: str) -> Standing:
         """Return what the universes say of a claim, as it is shown beside its verdict."""
@@ -438,9 +449,20 @@ class Judge:
         missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
         crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
         size = size_of_change(before, after, self.half(self.component_place(claim)))
-        numbers = float(after[0]), float(after[0] - before[0]), float(missing[1]), float(size)
-        beyond = crosses and verdicts[1] in REFUTED_VERDICTS
-        return Effect(*varied, verdicts[1], cause, *numbers, bool(missing[1] < missing[0]), beyond)
+        choice, value, where = varied
+        return Effect(
+            choice=choice,
+            value=value,
+            where=where,
+            verdict=verdicts[1],
+            cause=cause,
+            number=float(after[0]),
+            difference=float(after[0] - before[0]),
+            missing=float(missing[1]),
+            size=float(size),
+            towards=bool(missing[1] < missing[0]),
+            beyond=crosses and verdicts[1] in REFUTED_VERDICTS,
+        )
 
     def _missing(self, claim: str, of: Triple, fails: bool, corrected: Triple) -> float:
         """How far a number is from what is printed, or a statement from holding, in the unit of the number."""
@@ -625,8 +647,8 @@ def judge_of(
     is_committed = large.exists() and of_one_world(large, path)
     built = store.load(path, Universes, paper=paper.slug)
     table = store.load(large, Universes, paper=paper.slug) if is_committed else built
-    own = [row for row in rows if row.paper == paper.slug]
-    return judge_in(study, table, own, is_committed=is_committed, computed=len(built.number))
+    of_paper = [row for row in rows if row.paper == paper.slug]
+    return judge_in(study, table, of_paper, is_committed=is_committed, computed=len(built.number))
 
 
 def committed_judge(slug: str, model: type[Inputs], root: Path) -> Judge:

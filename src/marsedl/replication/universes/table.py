@@ -23,7 +23,7 @@ from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.inputs.choices import Choices
+from marsedl.replication.inputs.choices import Choice, Choices, Value
 from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import Reading, Study, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
@@ -36,9 +36,7 @@ from marsedl.replication.records.fields import quantities, quantity, record
 from marsedl.replication.sizes import FULL
 from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
 
-RESULT, NOT_ASKED = "result", "not_asked"
-# Why a claim has no number or finding: it has one; it asks for what this universe does not have; classes of failure.
-CAUSES = (RESULT, NOT_ASKED, "inadmissible", "infeasible", "refused", "numerical")
+RESULT, NOT_ASKED = "result", "not_asked"  # a claim has a number or finding; it asks for what a universe does not have
 EVALUATED = (*MEASURED, "qualitative")  # kinds of claims
 Triple = tuple[float, float, float]  # value, standard error and limit of a number
 Numbers = Mapping[str, Triple]  # by component: "" of a single number, "[1]" of a row, "test 1" of a statement
@@ -378,11 +376,13 @@ def require_same(run: str | Path, table: Universes, paper: str) -> None:
 def coded(choices: Choices, universe: Universe) -> list[float]:
     """Return the value of every choice as a number: the place of the alternative, or the number of a range."""
     complete = choices.complete(universe.assignment)
-    return [
-        np.nan if (value := complete[one.name]) is None
-        else float(value) if one.range else float(list(one.alternatives).index(value))
-        for one in choices
-    ]  # fmt: skip
+    return [_code(one, complete[one.name]) for one in choices]
+
+
+def _code(choice: Choice, value: Value | None) -> float:
+    if value is None:
+        return np.nan
+    return float(value) if choice.range else float(list(choice.alternatives).index(value))
 
 
 def decoded(choices: Choices, row: Sequence[float]) -> dict[str, Any]:

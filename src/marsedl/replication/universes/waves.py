@@ -39,13 +39,13 @@ class Wave:
 
     `volume` is the share of the candidates that is left. `shares` are those of the values of each choice among what is
     left (a range in four equal parts); `contradicting` are the fewest headlines that no candidate fulfils together, if
-    none is left. `standing` is the mean number of headlines that stand in its own universes, NaN of none.
+    none is left. `agreeing` is the mean number of headlines that stand in its own universes, NaN of none.
     """
 
     volume: float
     shares: dict[str, list[float]]
     contradicting: tuple[str, ...]
-    standing: float
+    agreeing: float
 
 
 class Matching:
@@ -107,11 +107,11 @@ class Matching:
             parts = 4 if one.range else len(combined_values(one))
             counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
             shares[one.name] = (counts / max(len(left), 1)).tolist()
-        own = (judge.table.wave == number) & (judge.table.seed == 0) & (judge.table.design != 0)
+        of_wave = (judge.table.wave == number) & (judge.table.seed == 0) & (judge.table.design != 0)
         places = [judge.column[one.id] for one in self.headlines if one.id in judge.column]
-        standing = float(judge.stands[own][:, places].sum(axis=1).mean()) if own.any() else math.nan
+        agreeing = float(judge.agrees[of_wave][:, places].sum(axis=1).mean()) if of_wave.any() else math.nan
         contradicting = () if len(left) else self._contradicting(distances)
-        return Wave(len(left) / CANDIDATES, shares, contradicting, standing), left
+        return Wave(len(left) / CANDIDATES, shares, contradicting, agreeing), left
 
     def _excess(self, label: str, mean: np.ndarray) -> np.ndarray:
         """By how much a headline is missed beyond what is allowed, both as inverse hyperbolic sines."""

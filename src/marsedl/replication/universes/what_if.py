@@ -238,7 +238,7 @@ def found(study: Study, number: int, tables: Sequence[Path]) -> tuple[Universe, 
     for path in tables:
         if one := held(path, study, number):
             return one, path
-    return numbered(study.choices, number, *study.designs[1:]), None
+    return numbered(study.choices, number, study.designs.one_at_a_time, study.designs.at_most), None
 
 
 def judged(evaluator: Evaluator, universe: Universe) -> tuple[Row, Side]:
