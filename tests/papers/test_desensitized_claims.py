@@ -24,7 +24,7 @@ from marsedl.papers.desensitized.claims.measures import (
 from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import LAWS, RESHAPED
-from marsedl.replication.claims.claim import REFUTED_VERDICTS, UNDECIDED
+from marsedl.replication.claims.names import REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.rows import write_claims
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of

@@ -16,7 +16,7 @@ from marsedl.methods.funnels.monte_carlo import fly
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, montecarlo, open_loop
 from marsedl.papers.funnels.claims import measures, sec5_results
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
+from marsedl.replication.claims.names import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of, turned
 from marsedl.replication.pipeline.catalogue import Flown

@@ -12,7 +12,7 @@ from marsedl.papers import catalogue
 from marsedl.papers.random_field.claims import measures
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.records import CRASHED, VARIANTS, Convergence
-from marsedl.replication.claims.claim import COUNTED_VERDICTS
+from marsedl.replication.claims.names import COUNTED_VERDICTS
 from marsedl.replication.claims.verdicts import collect, judge
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.claims.writing import turned as turn

@@ -270,9 +270,9 @@ def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
     other = np.where(small.of == 1002, np.spacing(1.0), 0.0)
     assert changed(large, replace(small, value=small.value + other)) == {1002: "has another value of line"}
     assigned = small.assignment + (small.number == 1002)[:, np.newaxis]
-    assert changed(large, replace(small, assignment=assigned)) == {1002: "has other choices"}
+    assert changed(large, replace(small, assignment=assigned)) == {1002: "has another value of choice slope"}
     finding = np.where((small.of == 1001) & (small.claim == "flat"), "undetermined", small.finding)
-    assert changed(large, replace(small, finding=finding)) == {1001: "has another finding of flattest 1"}
+    assert changed(large, replace(small, finding=finding)) == {1001: "has another verdict of flattest 1"}
     folder = tmp_path / "report/universes"
     for name, one, world in (
         ("toy", small, "a"),

@@ -14,16 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import (
-    BY_CONSTRUCTION,
-    REFUTED_VERDICTS,
-    STANDING_VERDICTS,
-    Cause,
-    Claim,
-    Result,
-    Standing,
-)
+from marsedl.replication.claims.claim import Cause, Claim, Result, Standing
 from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.moved import Entry, standard_errors
+from marsedl.replication.claims.names import BY_CONSTRUCTION, REFUTED_VERDICTS, STANDING_VERDICTS
+from marsedl.replication.claims.numbers import unit_of
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Declaration, verdicts_in_universes, worst
@@ -43,7 +38,6 @@ from marsedl.replication.universes.table import (
     components_of,
     decoded,
     numbers_of,
-    size_of_change,
 )
 
 ROBUST, DEPENDS, NEVER, UNDECIDED, FEW, NOT_COMPUTED = (
@@ -51,6 +45,7 @@ ROBUST, DEPENDS, NEVER, UNDECIDED, FEW, NOT_COMPUTED = (
     *("too_few", "not_computed"),
 )
 TRUE = (*STANDING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
+NO_VERDICT = "none"  # where a claim has no result
 FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
@@ -203,8 +198,8 @@ class Judge:
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
         self._spread()
-        self.verdicts = np.full(self.cause.shape, "none", "<U16")  # (universe, claim)
-        self.of_numbers = np.full(self.numbers.shape[1:], "none", "<U16")  # of each component (universe, component)
+        self.verdicts = np.full(self.cause.shape, NO_VERDICT, "<U16")  # (universe, claim)
+        self.of_numbers = np.full(self.numbers.shape[1:], NO_VERDICT, "<U16")  # of each component (universe, component)
         for name, at in self.column.items():
             self._judge(self.published[name], declarations[name], at)
         self.stands = np.isin(self.verdicts, STANDING_VERDICTS)  # (universe, claim), as the next four
@@ -256,12 +251,12 @@ class Judge:
             value, error, _ = self.numbers[:, :, places]
             of_numbers = verdicts_in_universes(claim, declared.close, value, error, self.trials[:, at], self.base)
             verdicts = worst(of_numbers)
-            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
+            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, NO_VERDICT)
         bound = found == BY_CONSTRUCTION
         confirmed = np.isin(verdicts, (*STANDING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
         verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
-        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, "none")
+        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, NO_VERDICT)
 
     def over(self, table: Universes) -> "Judge":
         """Return what judges another table of the same paper by the same words."""
@@ -356,9 +351,8 @@ class Judge:
         if self.is_statement(claim):
             margin = self.rows[claim].result.margin if claim in self.rows else None
             return margin.unit if margin else ""
-        units, label = self.published[claim].unit.split(", "), self.component[self.component_place(claim)][1]
-        index = next(index for name, index, _ in components_of(self.published[claim]) if name == label)
-        return units[index[0]] if index and len(units) > 1 else self.published[claim].unit
+        label, printed = self.component[self.component_place(claim)][1], self.published[claim]
+        return unit_of(printed, next(index for name, index, _ in components_of(printed) if name == label))
 
     def component_place(self, claim: str) -> int:
         """Return the column of the number that decides a claim in `corrected`.
@@ -437,7 +431,7 @@ class Judge:
         """The effect of a choice's value in a place, from the numbers and verdicts of `corrected` and of this place."""
         missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
         crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
-        size = size_of_change(before, after, self.half(self.component_place(claim)))
+        size = standard_errors(SIGMAS)(Entry(*before, half=self.half(self.component_place(claim))), Entry(*after))
         numbers = float(after[0]), float(after[0] - before[0]), float(missing[1]), float(size)
         beyond = crosses and verdicts[1] in REFUTED_VERDICTS
         return Effect(*varied, verdicts[1], cause, *numbers, bool(missing[1] < missing[0]), beyond)
