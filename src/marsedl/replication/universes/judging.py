@@ -148,19 +148,18 @@ class Judged:
     noise: float  # share of the variance over universes that is sampling error
 
 
-def wilson(count: int, of: int) -> Share:
-    """Return a share with its Wilson interval at 95 %."""
+def share(count: int, of: int) -> Share:
+    """Return a share with its Wilson interval."""
+    from scipy.stats import binomtest  # slow to import
+
     if not of:
         return Share(0, 0, math.nan, math.nan)
-    z, p = 1.959963984540054, count / of
-    centre = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of)) / (1 + z * z / of)
-    return Share(count, of, max(centre - half, 0.0), min(centre + half, 1.0))
+    return Share(count, of, *map(float, binomtest(count, of).proportion_ci(LEVEL, method="wilson")))
 
 
 def share_of(those: np.ndarray, among: np.ndarray) -> Share:
-    """Return the share of some among others; both are masks."""
-    return wilson(int((those & among).sum()), int(among.sum()))
+    """Return the share of some among others, with its Wilson interval; both are masks."""
+    return share(int((those & among).sum()), int(among.sum()))
 
 
 class Judge:
