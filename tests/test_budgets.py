@@ -13,13 +13,13 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_364,  # all claims are judged again, and ensembles compared state by state
+    "src/marsedl": 25_366,  # all claims are judged again, and ensembles compared state by state
     "src/marsedl/papers": 9_956,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
     "src/marsedl/montecarlo": 1_447,
     "src/marsedl/fly": 912,
-    "src/marsedl/replication": 6_286,  # as above; the explorer took the place of 45 statements of papers
+    "src/marsedl/replication": 6_288,  # as above; the explorer took the place of 45 statements of papers
 }
 LINES = 38_800  # of tests; of the two checks above, and of the rules by which all comparisons go
 MEAN_LINES = {

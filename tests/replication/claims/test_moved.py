@@ -32,8 +32,8 @@ def test_a_rule_says_how_far_is_too_far(rule, before, after, size):
 
 
 def test_what_only_one_side_has_or_has_in_another_unit_moves_infinitely_and_of_two_tests_nothing_can_be_said():
-    before = {"gone": Entry(1.0), "unit": Entry(1.0, unit="m"), "test": Entry(1.0, test="test 1")}
-    after = {"unit": Entry(1.0, unit="s"), "test": Entry(2.0, test="test 2"), "new": Entry(1.0)}
+    before = {"gone": Entry(1.0), "unit": Entry(1.0, unit="m"), "test": Entry(1.0, unit="m", test="test 1")}
+    after = {"unit": Entry(1.0, unit="s"), "test": Entry(2.0, unit="%", test="test 2"), "new": Entry(1.0)}
     sizes = {one.name: one.size for one in moved(before, after, relative)}
     assert sizes == pytest.approx({"gone": math.inf, "unit": math.inf, "test": math.nan, "new": math.inf}, nan_ok=True)
 

@@ -128,8 +128,10 @@ def moved(before: Side, after: Side, rule: Rule) -> list[Moved]:
     found = []
     for name in dict.fromkeys([*before, *after]):
         one = Moved(name, before.get(name), after.get(name), math.inf)
-        if one.is_on_both and one.same_unit:
-            one = one._replace(size=rule(one.before, one.after) if one.same_test else math.nan)
+        if one.is_on_both and not one.same_test:
+            one = one._replace(size=math.nan)
+        elif one.is_on_both and one.same_unit:
+            one = one._replace(size=rule(one.before, one.after))
         found.append(one)
     return found
 
