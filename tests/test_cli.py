@@ -14,12 +14,12 @@ import pytest
 
 from marsedl import cli, overview
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.claims.moved import Entry, Moved
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
 from marsedl.replication.records import store
 from marsedl.replication.universes.designs import Universe
 from marsedl.replication.universes.table import Outcome, Row, table_of
-from marsedl.replication.universes.what_if import Moved
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
@@ -380,7 +380,7 @@ def test_a_trial_of_a_reading_of_which_all_makes_no_files_is_computed_in_memory(
 
 
 def test_a_number_that_there_is_not_is_null_in_json():
-    turned = Moved("a", "a", 1.0, math.nan, 0.0, "holds", "fails", math.nan)
+    turned = Moved(("a", ""), Entry(1.0, verdict="holds"), Entry(verdict="fails"), math.nan)
     (text,) = overview.moved(SimpleNamespace(moved=[turned]), [], as_json=True)
     (row,) = json.loads(text, parse_constant=pytest.fail)  # called for NaN, which is no JSON
     assert row["before"] == 1.0

@@ -12,8 +12,8 @@ import yaml
 
 import marsedl
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.claims.counts import counted
 from marsedl.replication.claims.quotes import accepted, with_numbers
-from marsedl.replication.claims.rows import summary
 from marsedl.replication.claims.thresholds import WORDS
 from marsedl.replication.inputs.readings import load_studies
 from marsedl.replication.report import front_page
@@ -130,7 +130,7 @@ def test_the_readme_has_a_line_for_every_paper_and_every_word():
         headline = [row.verdict for row in rows if row.headline]
         standing = len(headline) - sum(verdict in ("differs", "fails", "undetermined") for verdict in headline)
         assert f"**{standing} of {len(headline)}** headline claims stand" in line
-        assert f"; {summary(rows)['numbers']['reproduced']} of " in line
+        assert f"; {counted(rows).verdicts['numbers']['reproduced']} of " in line
     for word, meaning in words().items():
         assert f"- **{word.capitalize()}**: {meaning}\n" in text
 

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from marsedl import results
-from marsedl.replication.claims.rows import read_claims, summary
+from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.rows import read_claims
 
 NOTEBOOKS = Path(__file__).parents[1] / "docs" / "notebooks"
 
@@ -36,7 +37,7 @@ def test_verdicts_as_data_counts_what_the_build_counts(run, tree):
     names = run("verdicts_as_data", tree.build)
     rows = read_claims(tree.build / "report" / "claims.json")
     assert names["counted"]["verdict"].value_counts().to_dict() == {
-        verdict: count for verdict, count in summary(rows)["counted"].items() if count
+        verdict: count for verdict, count in counted(rows).verdicts["counted"].items() if count
     }
     verdicts = {(row.paper, row.id): row for row in rows}
     assert len(names["moved"]) > 10

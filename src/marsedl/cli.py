@@ -292,7 +292,7 @@ def _what_if(options) -> None:
         _say(*overview.asked(what_if, paper.slug))
         sys.stdout.flush()
     published = [*evaluator.published.values()]
-    _say(*overview.moved(compare.difference(*what_if.sides(), published), published, as_json=options.json))
+    _say(*overview.moved(compare.difference(*what_if.sides()), published, as_json=options.json))
     if options.figure:
         path = Path("build/what-if") / options.paper / f"{options.figure}.png"
         save_side_by_side(what_if.drawn(options.figure), path)
@@ -316,7 +316,7 @@ def _compare(options) -> None:
         take = compare.of_other_build if folder and not is_universe else compare.side_of
         sides.append(take(of, study, folder or project.folder))
     published = project.published(paper.slug)
-    difference = compare.difference(*sides, published)
+    difference = compare.difference(*sides)
     _say(*overview.compared(difference, published, as_json=options.json))
     names = "-".join(re.sub(r"\W+", "_", side.name) for side in reversed(sides))
     path = options.output or Path("build/compare") / f"{paper.slug}-{names}.html"
@@ -354,16 +354,20 @@ def _universe(options) -> None:
 def _verify(options) -> int:
     """Check that results are reproducible.
 
-    Builds the smoke size twice and compares every file, then compares the full-size build with the stored numbers. With
-    --reference it only compares a build with numbers of your own. The exit status is 1 if anything differs.
+    Builds the smoke size twice and compares every file, then judges all claims of the full-size build again from its
+    artifacts and compares it with the stored numbers. With --reference it only compares a build with numbers of your
+    own. The exit status is 1 if anything differs.
     """
     if options.numbers:
         return 0 if numbers.compare_numbers(*_tables(options), numbers.tolerance_of(options.tolerance)) else 1
-    from marsedl.replication.checks import reference, twice, universes
+    from marsedl.replication.checks import judged_again, reference, twice, universes
 
     project, shared, made, folder = _up_to_date(options)
     equal = options.no_rebuild or folder is not None or twice.build_twice(project.root)
-    agree = reference.compare_reference(project.root, project.folder, shared, made, folder, all_of_them=options.all)
+    given = {slug: project.recipes.job(f"report/claims/{slug}.json").own for slug in shared}
+    agree = judged_again.check_judged(project.root, project.folder, given)
+    compare = reference.compare_reference
+    agree = compare(project.root, project.folder, shared, made, folder, all_of_them=options.all) and agree
     agree = (folder is not None or universes.compare_universes(project.root, project.folder, shared)) and agree
     return 0 if agree and equal else 1
 

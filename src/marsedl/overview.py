@@ -5,7 +5,6 @@ A `project` is that of `marsedl.cli`, a `paper` its catalogue with the numbers t
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -102,7 +101,6 @@ def listed(project, paper, kinds) -> Iterator[str]:
 def explained_paper(project, paper, reading) -> Iterator[str]:
     """Yield the readings of a paper, the inputs in which they differ from one, what there is, and the verdicts."""
     from marsedl.replication.claims.quotes import with_numbers
-    from marsedl.replication.claims.rows import summary
     from marsedl.replication.report.front_page import committed_claims
 
     items, verdicts = _items(project, paper), project.verdicts(paper.slug)
@@ -119,7 +117,7 @@ def explained_paper(project, paper, reading) -> Iterator[str]:
     if not verdicts:
         yield f"  none yet: run 'snakemake report/claims/{paper.slug}.json{project.options}'"
         return
-    for how, numbers in summary(verdicts.values()).items():
+    for how, numbers in counted(verdicts.values()).verdicts.items():
         each = [f"{number} {verdict.replace('_', ' ')}" for verdict, number in numbers.items() if number]
         yield f"  {how}: {', '.join(each) or 'none'}"
     clauses = {name: text for name, text in paper.found.items() if name in verdicts}
@@ -148,9 +146,19 @@ def _values(choice) -> str:
     return ", ".join(f"[{name}]" if name == choice.corrected else name for name in choice.alternatives)
 
 
-def _plain(row) -> dict:
+def _plain(one) -> dict:
     """A number that moves, as JSON takes it: null where there is no number."""
-    values = {**asdict(row), "standard_errors": row.sigmas}
+    claim, label = one.name
+    values = {"claim": claim, "component": claim + label, "unit": one.after.unit or one.before.unit}
+    for place, row in (("before", one.before), ("after", one.after)):
+        values |= {place: row.value, f"verdict_{place}": row.verdict, f"limit_{place}": row.limit}
+    values |= {
+        "error": one.error,
+        "standard_errors": one.sigmas,
+        "size": one.size,
+        "same_test": one.same_test,
+        "sentence": one.after.said,
+    }
     return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}
 
 
@@ -164,19 +172,19 @@ def asked(what_if, paper) -> Iterator[str]:
 
 def _moving(rows, published) -> Iterator[str]:
     """Verdicts that change and numbers that move, in words."""
-    from marsedl.replication.checks.compare import apart, in_digits
+    from marsedl.replication.checks.compare import apart, in_numbers
     from marsedl.replication.inputs.choices import in_words
 
     printed = {one.id: one for one in published}
 
-    def lines(rows):
-        for row in rows:
-            claim = printed[row.claim]
-            first, second = in_digits(row, claim)
-            verdicts = in_words(row.verdict_before) + (f" -> {in_words(row.verdict_after)}" if row.turned else "")
-            numbers = f"{first} -> {second}" if row.same_test else f"{first}; {second}"
-            numbers = row.sentence or (numbers if first != second else "")
-            yield verdicts, numbers, apart(row), f"{claim.plain or claim.quantity} ({row.component})"
+    def lines(those):
+        for one in those:
+            claim, label = one.name
+            verdicts = in_words(one.before.verdict) + (f" -> {in_words(one.after.verdict)}" if one.turned else "")
+            first, second = in_numbers(one)
+            numbers = (f"{first} -> {second}" if one.same_test else f"{first}; {second}") if first != second else ""
+            words = printed[claim].plain or printed[claim].quantity
+            yield verdicts, one.after.said or numbers, apart(one), f"{words} ({claim}{label})"
 
     turned, rest = [row for row in rows if row.turned], [row for row in rows if not row.turned]
     shown = [row for row in rest if row.counts]
@@ -216,7 +224,7 @@ def compared(difference, published, *, as_json: bool = False) -> Iterator[str]:
 def universe(paper: str, row, side, where: str, *, as_json: bool = False) -> Iterator[str]:
     """Yield the choices of a universe, its design, where it is from, and what its claims give."""
     one, outcomes = row.universe, row.outcomes.items()
-    claims = [(k, side.verdicts[k] if of.cause == "result" else of.cause, of.sentence) for k, of in outcomes]
+    claims = [(k, side.entries[k, ""].verdict if of.cause == "result" else of.cause, of.sentence) for k, of in outcomes]
     if as_json:
         of_universe = {"number": one.number, "design": one.design, "wave": one.wave, "seed": one.seed, "from": where}
         yield json.dumps(of_universe | {"choices": dict(side.inputs), "claims": claims}, indent=1)

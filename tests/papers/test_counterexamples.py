@@ -6,8 +6,8 @@ import pytest
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.checks.reference import NOT_TURNED
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.committed import committed_verdicts, read_reference
+from marsedl.replication.claims.names import COUNTED_VERDICTS, REFUTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.inputs.readings import load_study

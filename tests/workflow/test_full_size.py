@@ -10,8 +10,8 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.checks.reference import compare, fingerprints, format_changes
-from marsedl.replication.claims.claim import COUNTED_VERDICTS
 from marsedl.replication.claims.committed import read_reference
+from marsedl.replication.claims.names import COUNTED_VERDICTS
 from marsedl.replication.claims.printed import load_measured, load_published
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.verdicts import Declaration, judge

@@ -10,7 +10,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, new_figure
 from marsedl.replication.claims.claim import Claim
-from marsedl.replication.claims.numbers import format_number, told_apart
+from marsedl.replication.claims.numbers import format_number, told_apart, unit_of
 from marsedl.replication.errors import InputError, nearest
 
 _WIDTH = 3.9  # inches: on a phone as wide as the screen, with letters that can be read
@@ -97,7 +97,7 @@ def bar_of(label: str, name: str, rows: Mapping[str, Claim]) -> Bar:
     if found[2]:
         at = int(found[2])
         printed, value, error = (of[at : at + 1] for of in (printed, value, error))
-        unit, verdict = row.unit_of((at,)), verdicts[at]
+        unit, verdict = unit_of(row, np.unravel_index(at, np.shape(row.printed))), verdicts[at]
     return Bar(label, printed, value, np.nan_to_num(error), unit, verdict)
 
 

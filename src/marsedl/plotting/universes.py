@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, new_figure
-from marsedl.replication.claims.claim import AGREEING_VERDICTS, REFUTED_VERDICTS
+from marsedl.replication.claims.names import AGREEING_VERDICTS, REFUTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.universes.judging import Judge

@@ -11,41 +11,33 @@ from marsedl.replication.checks import compare
 from marsedl.replication.checks.compare import (
     apart,
     difference,
-    in_digits,
-    moved_claims,
+    in_numbers,
     named,
     of_other_build,
     side_of,
 )
-from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.moved import Entry, Moved
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_study
-from marsedl.replication.universes.what_if import Moved, Number, Side
+from marsedl.replication.universes.what_if import Alternative, moved_claims
 
 ROOT = Path(__file__).parents[3]
-PUBLISHED = [
-    PublishedClaim(paper="toy", id=name, where="Sec. 1", quantity=name, kind=kind, printed=printed, unit=unit, **digits)
-    for name, kind, printed, unit, digits in (
-        ("mean", "monte_carlo", [1.0, 2.0], "m", {"resolution": 0.1, "trials": 9}),
-        ("peak", "deterministic", 5.0, "m", {"resolution": 0.1}),
-        ("calm", "qualitative", True, "1", {}),
-    )
-]
 
 
-def side(name: str, mean, peak: float, verdicts: tuple[str, str, str], own=(), **inputs: str) -> Side:
+def side(name: str, mean, peak: float, verdicts: tuple[str, str, str | None], own=(), **inputs: str) -> Alternative:
     """A reading with two means of standard error 0.3 and 0.4, and a peak; own: verdicts on the means."""
     first, second = own or 2 * [verdicts[0]]
-    numbers = {
-        ("mean", "[1]"): Number(mean[0], 0.3, 1.0, first),
-        ("mean", "[2]"): Number(mean[1], 0.4, 2.0, second),
-        ("peak", ""): Number(peak, 0.0, 5.0, verdicts[1]),
+    entries = {
+        ("mean", ""): Entry(verdict=verdicts[0]),
+        ("mean", "[1]"): Entry(mean[0], 0.3, 1.0, first, "m", 0.05),
+        ("mean", "[2]"): Entry(mean[1], 0.4, 2.0, second, "m", 0.05),
+        ("peak", ""): Entry(peak, 0.0, 5.0, verdicts[1], "m", 0.05),
     }
-    return Side(name, inputs, dict(zip(("mean", "peak", "calm"), verdicts, strict=True)), numbers)
+    return Alternative(name, inputs, entries | ({("calm", ""): Entry(verdict=verdicts[2])} if verdicts[2] else {}))
 
 
 BEFORE = side("corrected", (1.0, 2.0), 5.0, ("reproduced", "reproduced", "holds"), mass="1", area="2")
-AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "none"), ("reproduced", "differs"), mass="3", area="2")
+AFTER = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", None), ("reproduced", "differs"), mass="3", area="2")
 
 
 @pytest.fixture(scope="module")
@@ -69,23 +61,18 @@ def other_build(tmp_path, study, monkeypatch):
     return made_with
 
 
-def test_of_a_verdict_that_changes_the_numbers_are_told_whose_own_verdict_does():
-    two, one = moved_claims(BEFORE, AFTER, PUBLISHED)
-    assert (two.component, two.verdict_before, two.verdict_after) == ("mean[2]", "reproduced", "differs")
+def test_a_verdict_is_beside_the_claim_and_a_component_beside_a_component():
+    claim, two, one = moved_claims(BEFORE, AFTER)
+    assert (claim.name, claim.before.verdict, claim.after.verdict) == (("mean", ""), "reproduced", "differs")
+    assert (two.name, two.before.verdict, two.after.verdict) == (("mean", "[2]"), "reproduced", "differs")
     assert two.sigmas == pytest.approx(2.0 / math.hypot(0.4, 0.4)), "a claim that only one evaluates has not moved"
-    assert (one.component, one.turned, one.verdict_after) == ("mean[1]", False, "reproduced")
-
-
-def test_where_no_number_has_a_verdict_that_changes_the_one_is_told_that_moves_most():
-    after = side("mine", (1.3, 4.0), 5.0, ("differs", "reproduced", "holds"), ("reproduced", "reproduced"))
-    first = moved_claims(BEFORE, after, PUBLISHED)[0]
-    assert (first.component, first.verdict_before, first.verdict_after) == ("mean[2]", "reproduced", "differs")
+    assert (one.name, one.turned, one.after.verdict) == (("mean", "[1]"), False, "reproduced")
 
 
 def test_numbers_come_by_what_noise_and_rounding_explain_whether_they_have_sampling_errors_or_not():
     after = side("mine", (1.9, 2.4), 5.2, ("reproduced", "reproduced", "holds"))
-    moved = moved_claims(BEFORE, after, PUBLISHED)
-    assert [one.component for one in moved] == ["peak", "mean[1]", "mean[2]"], (
+    moved = moved_claims(BEFORE, after)
+    assert [one.name for one in moved] == [("peak", ""), ("mean", "[1]"), ("mean", "[2]")], (
         "4 halves of a digit; 0.7 and 0.2 of noise"
     )
     assert [one.sigmas for one in moved] == pytest.approx([math.nan, 0.9 / 0.3 / 2**0.5, 1.0 / 2**0.5], nan_ok=True)
@@ -94,17 +81,16 @@ def test_numbers_come_by_what_noise_and_rounding_explain_whether_they_have_sampl
 
 
 def test_a_claim_that_only_one_evaluates_is_named_and_has_not_moved():
-    after = replace(BEFORE, verdicts={"mean": "reproduced", "later": "holds"})
-    assert moved_claims(BEFORE, after, PUBLISHED) == []
-    assert difference(BEFORE, after, PUBLISHED).alone == ["calm", "later", "peak"]
+    entries = {("mean", ""): BEFORE.entries["mean", ""], ("later", ""): Entry(verdict="holds")}
+    assert moved_claims(BEFORE, replace(BEFORE, entries=entries)) == []
+    assert difference(BEFORE, replace(BEFORE, entries=entries)).alone == ["calm", "later", "peak"]
 
 
 def test_numbers_are_shown_with_digits_that_tell_them_apart():
-    one = Moved("mean", "mean[1]", 1.23456, 1.23461, 0.1, "holds", "holds", 0.0)
-    assert in_digits(one, PUBLISHED[0]) == ("1.23456 m", "1.23461 m")
-    assert in_digits(replace(one, before=math.nan), PUBLISHED[0]) == ("no number", "1.235 m")
-    several = PUBLISHED[0].model_copy(update={"unit": "m, s"})
-    assert in_digits(replace(one, component="mean[2]", after=5.0), several) == ("1.235 s", "5 s")
+    one = Moved("mean", Entry(1.23456, unit="m"), Entry(1.23461, unit="m"), 0.0)
+    assert in_numbers(one) == ("1.23456 m", "1.23461 m")
+    assert in_numbers(one._replace(before=Entry(unit="m"))) == ("no number", "1.235 m")
+    assert in_numbers(one._replace(before=Entry(), after=Entry())) == ("", ""), "verdicts alone"
 
 
 def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp_path, study, other_build):
@@ -112,18 +98,18 @@ def test_inputs_of_another_build_are_those_that_its_artifacts_were_made_with(tmp
         of_other_build("corrected", study, tmp_path)
     same = study.readings["corrected"].inputs.get("entry.initial_speed")
     other = other_build("corrected", {"noise.noise_coefficient": 0.5, "entry.initial_speed": same}, "smoke")
-    assert [*difference(BEFORE, other, []).inputs] == ["noise.noise_coefficient", "size"]
+    assert [*difference(BEFORE, other).inputs] == ["noise.noise_coefficient", "size"]
 
 
 def test_what_a_point_of_another_build_changes_is_not_taken_from_artifacts_of_corrected(study, other_build):
     same = study.readings["corrected"].inputs.plain()["mission.final_covariance"]
     point = other_build("target4", {"mission.final_covariance": same, "entry.initial_speed": 1.0}, "full")
-    assert {*difference(BEFORE, point, []).inputs} == {"entry.initial_speed", "size"}
+    assert {*difference(BEFORE, point).inputs} == {"entry.initial_speed", "size"}
 
 
 def test_inputs_that_differ_are_named_with_both_values():
-    assert difference(BEFORE, AFTER, PUBLISHED).inputs == {"mass": ("1", "3")}
-    assert difference(BEFORE, BEFORE, PUBLISHED).inputs == {}
+    assert difference(BEFORE, AFTER).inputs == {"mass": ("1", "3")}
+    assert difference(BEFORE, BEFORE).inputs == {}
 
 
 def test_what_is_not_built_or_not_known_is_refused(tmp_path, study):

@@ -54,10 +54,12 @@ STATE = fields.Axis("state", downrange="m", mass="kg")
 
 @dataclass(frozen=True)
 class Flights:
-    """Final states of single trials."""
+    """Final states of single trials, and their mean over time."""
 
     final_state: np.ndarray = fields.quantity(STATE.unit, ("trials", STATE), "final states")
     other: np.ndarray = fields.quantity("m", ("trials", "column"), "what has no components with names")
+    mean: np.ndarray = fields.quantity(STATE.unit, ("time", STATE), "mean states")
+    outcome: np.ndarray = fields.quantity("1", ("law", "trials"), "how the trials end", int)
 
 
 @pytest.fixture
@@ -72,7 +74,9 @@ def project(tmp_path, monkeypatch):
     reference.accept_reference(tmp_path, tmp_path, owned(), made)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     monkeypatch.setattr(cli, "SLUGS", (SLUG,), raising=False)
-    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None)
+    recipes = SimpleNamespace(job=lambda path: SimpleNamespace(own={}))
+    build = SimpleNamespace(root=tmp_path, folder=tmp_path, studies={}, quotes=lambda slug: None, recipes=recipes)
+    monkeypatch.setattr("marsedl.replication.checks.judged_again.check_judged", lambda root, build, given: True)
     monkeypatch.setattr(cli, "_up_to_date", lambda options: (build, owned(), made, None))
     monkeypatch.setattr("marsedl.replication.claims.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_readme", lambda options: None)
@@ -124,7 +128,7 @@ def reduced(*values, kind=float):
 
 
 def margin(name, committed, built):
-    return max(reference.margins_of(name, committed, built), default=0.0)
+    return reference.compare({name: committed}, {name: built})[0].size
 
 
 # ------------------------------------------------------------------------------------------------------------- margins
@@ -170,8 +174,9 @@ def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
     assert "marsedl accept" not in output
 
 
-def test_universes_that_differ_or_are_not_compared_fail(project, monkeypatch):
-    monkeypatch.setattr("marsedl.replication.checks.universes.compare_universes", lambda root, build, papers: False)
+@pytest.mark.parametrize("check", ["universes.compare_universes", "judged_again.check_judged"])
+def test_universes_or_claims_that_differ_or_are_not_compared_fail(project, monkeypatch, check):
+    monkeypatch.setattr(f"marsedl.replication.checks.{check}", lambda root, build, papers: False)
     assert cli.main(["verify", "--no-rebuild"]) == 1
 
 
@@ -230,20 +235,34 @@ def test_accept_marks_a_truth_value_of_an_earlier_reference_as_one(project):
     assert reference_of(project)["claims/final_mass/corrected"]["truth"] is True
 
 
-def test_single_trials_are_compared_by_component(tmp_path):
-    """A scatter in metres that grows by a tenth moves no moment of all states beside a mass of a ton."""
+def flights_in(folder, scale):
+    """The reduced fields of an ensemble in which one state of each field scatters by a factor more."""
     states = np.random.Generator(np.random.Philox(key=1)).normal([0.0, 1349.0], [2e-4, 1.0], (1000, 2))
-    files = {}
-    for name, scale in (("before", 1.0), ("after", 1.1)):
-        files[name] = tmp_path / f"{name}.h5"
-        flown = Flights(states * [scale, 1.0], states[:, :1])
-        store.save(files[name], flown, paper=SLUG, reading="corrected", provenance={})
-    before, after = (reference._reduced_fields(path) for path in files.values())
-    assert before.keys() == {"final_state", "final_state[downrange]", "final_state[mass]", "other"}
+    scaled = states * [scale, 1.0]
+    flown = Flights(scaled, scaled[:, ::-1], scaled[:7], np.zeros((1, 1000), dtype=int))
+    store.save(folder / "flights.h5", flown, paper=SLUG, reading="corrected", provenance={})
+    return reference._reduced_fields(folder / "flights.h5")
+
+
+def test_every_state_of_an_ensemble_is_compared(tmp_path):
+    """A scatter in metres that grows by a tenth moves no moment of all states beside a mass of a ton.
+
+    Not only of single trials, and also where states have no names: a file that is edited and sealed again is found.
+    """
+    before, after = flights_in(tmp_path, 1.0), flights_in(tmp_path, 1.1)
+    names = {f"{field}[{state}]" for field in ("final_state", "mean") for state in ("downrange", "mass")}
+    assert before.keys() == names | {"final_state", "mean", "outcome", "other", "other[1]", "other[2]"}
     moved = {name for name in before if margin(name, before[name], after[name]) > 1}
-    assert moved == {"final_state[downrange]"}
-    same = reference.compare(before, after, noise=["final_state"])
-    assert not same.changes, "of what rounding decides, components are compared by shape too"
+    assert moved == {"final_state[downrange]", "mean[downrange]", "other[2]"}
+    same = reference.compare(before, after, noise=["final_state", "mean", "other"])
+    assert not reference.changes(same, ""), "of what rounding decides, components are compared by shape too"
+
+
+def test_a_reference_without_states_is_compared_as_it_is_and_says_so(tmp_path):
+    now = flights_in(tmp_path, 1.0)
+    before = {name: of for name, of in now.items() if not name.startswith(("mean[", "other["))}
+    assert reference._later(before, now) == now.keys() - before.keys()
+    assert reference._later({}, now) == set(), "a field that is new is none of them"
 
 
 def test_claims_that_are_new_or_gone_fail(project, capsys):

@@ -4,10 +4,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim, Doubt, Tolerance
+from marsedl.replication.claims.claim import Claim, Doubt, Tolerance
+from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.names import COUNTED_VERDICTS
 from marsedl.replication.claims.numbers import format_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
-from marsedl.replication.claims.rows import read_claims, summary, write_claims
+from marsedl.replication.claims.rows import read_claims, write_claims
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect, judge
 from marsedl.replication.errors import ArtifactError, InputError
 
@@ -442,7 +444,7 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
 
 
 def test_inputs_and_quotations_are_never_counted():
-    counts = summary(collected())
+    counts = counted(collected()).verdicts
     assert list(counts["counted"]) == list(COUNTED_VERDICTS)
     assert counts["counted"] == {
         "reproduced": 1, "close": 0, "differs": 1, "holds": 1, "fails": 0, "undetermined": 1,

@@ -1,7 +1,7 @@
 """The badge counts what the report counts."""
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, LISTED_VERDICTS
 from marsedl.replication.claims.committed import CommittedClaim
+from marsedl.replication.claims.names import COUNTED_VERDICTS, LISTED_VERDICTS
 from marsedl.replication.report.front_page import badge
 
 

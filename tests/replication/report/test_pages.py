@@ -16,17 +16,9 @@ from PIL import Image
 
 import marsedl.replication.report.pages
 from marsedl.plotting import style
-from marsedl.replication.claims.claim import (
-    COUNTED_VERDICTS,
-    UNEXPLAINED,
-    Cause,
-    Claim,
-    Margin,
-    Result,
-    Standing,
-    Tolerance,
-)
+from marsedl.replication.claims.claim import UNEXPLAINED, Cause, Claim, Margin, Result, Standing, Tolerance
 from marsedl.replication.claims.counts import counted
+from marsedl.replication.claims.names import COUNTED_VERDICTS
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect
 from marsedl.replication.errors import ArtifactError

@@ -10,10 +10,11 @@ from PIL import Image
 
 from marsedl.papers import catalogue, input_model
 from marsedl.plotting.style import save_side_by_side
-from marsedl.replication.checks.compare import apart, difference, in_digits, moved_claims
+from marsedl.replication.checks.compare import apart, difference, in_numbers
 from marsedl.replication.claims.claim import Claim, Margin, Result
+from marsedl.replication.claims.moved import Entry
 from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.claims.verdicts import Declaration
+from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.readings import load_studies, load_study
 from marsedl.replication.records import store
@@ -21,14 +22,14 @@ from marsedl.replication.universes.designs import AGAIN, FIRST, Universe, design
 from marsedl.replication.universes.judging import Judge
 from marsedl.replication.universes.table import Evaluator, Outcome, Row, table_of
 from marsedl.replication.universes.what_if import (
-    Number,
-    Side,
+    Alternative,
     WhatIf,
     changes_of,
+    entries_of_reading,
+    entries_of_universe,
     figure_entry,
     found,
-    numbers_of_reading,
-    side_of_universe,
+    moved_claims,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -141,76 +142,74 @@ def universe_side(number, row, tests, decides):
     own["calm"] = Outcome("result", tests, "fails", decides)
     rows = [Row(Universe(0, "one_at_a_time", {}), base), Row(Universe(1, "one_at_a_time", {}), own)]
     table = table_of(SimpleNamespace(study=STUDIES[SLUG]), rows)
-    return side_of_universe(
-        Judge(table, STUDIES[SLUG].choices, [ROWS, CALM], DECLARED), number, f"universe {number}", {}
-    )
+    judge = Judge(table, STUDIES[SLUG].choices, [ROWS, CALM], DECLARED)
+    return Alternative(f"universe {number}", {}, entries_of_universe(judge, number))
 
 
 def test_a_component_has_its_own_verdict_and_one_that_does_not_move_is_not_listed():
     tests = {"test 1": (0.0, 0.0, 1e-6), "test 2": (0.7, 0.0, 0.5)}
     sides = [universe_side(number, (1.0, 2.0, 9.0), tests, "test 2") for number in (0, 1)]
-    assert [one.verdict for key, one in sides[1].numbers.items() if key[0] == "row"] == [
+    assert [one.verdict for (claim, label), one in sides[1].entries.items() if claim == "row" and label] == [
         *("reproduced", "reproduced", "differs"),
     ]
-    row, calm = sorted(moved_claims(*sides, [ROWS, CALM]), key=lambda one: one.claim, reverse=True)
-    assert (row.component, row.verdict_before, row.verdict_after) == ("row[3]", "reproduced", "differs")
-    assert (calm.component, calm.turned, calm.same_test) == ("calm", True, True)
+    calm, row, component = sorted(moved_claims(*sides), key=lambda one: one.name)
+    assert component.name == ("row", "[3]") and row.name == ("row", "")
+    assert {(one.before.verdict, one.after.verdict) for one in (row, component)} == {("reproduced", "differs")}
+    assert (calm.name, calm.turned, calm.same_test) == (("calm", ""), True, True)
+
+
+def statement(verdict, test, value, limit=1e-6):
+    """A reading in which a test decides a statement."""
+    margin = Margin(measure="share", value=value, limit=limit, unit="1", distance=0.0, scale="values")
+    result = Result(value=verdict == "holds", verdict=verdict, margin=margin, test=test)
+    given = CALM.model_dump(include=set(Claim.model_fields))
+    row = Claim(**given, verdict=verdict, reading="corrected", readings={})
+    return Alternative("corrected", {}, entries_of_reading(row, result))
 
 
 def test_numbers_of_two_tests_have_no_difference_in_universes_and_in_readings():
+    """Also of a universe beside a reading, whose limits may be equal by chance."""
     tests = {"test 1": (0.8695, 0.0, 0.4887), "test 2": (0.2, 0.0, 0.5)}
     before, after = (universe_side(number, (1.0, 2.0, 3.0), tests, "test 1") for number in (0, 1))
-
-    def reading(name, measure, value, limit, verdict):
-        margin = Margin(measure=measure, value=value, limit=limit, unit="1", distance=0.0, scale="values")
-        result = Result(value=verdict == "holds", verdict=verdict, margin=margin)
-        row = Claim(
-            **CALM.model_dump(include=set(Claim.model_fields)) | {"verdict": verdict, "reading": name},
-            readings={name: result},
-        )
-        return Side(name, {}, {"calm": verdict}, numbers_of_reading(row, result))
-
-    readings = [
-        reading("corrected", "share at 101.9 s", 3.2e-7, 1e-6, "holds"),
-        reading("mine", "rows that differ", 0.8695, 0.4887, "fails"),
-    ]
-    for pair in ([before, after], readings):
-        (one,) = moved_claims(*pair, [CALM])
+    readings = [statement("holds", "test 2", 3.2e-7), statement("fails", "test 1", 0.8695, 0.4887)]
+    for pair in ([before, after], readings, [readings[0], after], [before, readings[1]]):
+        one = moved_claims(*pair)[0]
+        assert one.name == ("calm", "")
         assert not one.same_test and math.isnan(one.size) and math.isnan(one.sigmas)
-        assert "limit 0.4887" in in_digits(one, CALM)[1]
+        assert "limit 0.4887" in in_numbers(one)[1]
         assert apart(one) == "another test decides"
-    same = [readings[0], reading("mine", "share at 99.25 s", 0.1, 1e-6, "fails")]
-    (one,) = moved_claims(*same, [CALM])
-    assert one.same_test, "a number in its words makes no other test"
+    one = moved_claims(before, statement("fails", "test 2", 0.9, 0.5))[0]
+    assert one.same_test and one.after.value == 0.9
+
+
+@pytest.mark.parametrize(("decides", "test"), [(0, "test 1"), (1, "test 2")])
+def test_a_reading_says_which_test_of_a_statement_decides(decides, test):
+    margins = [
+        Margin(measure="share", value=value, limit=1.0, unit="1", distance=0.0, scale="values") for value in (0.5, 0.6)
+    ]
+    assert judge(CALM, Evaluation(True, margin=margins[decides], margins=margins)).test == test
+    assert judge(CALM, Evaluation(True)).test == ""
 
 
 def test_a_verdict_that_turns_by_less_than_three_errors_is_said_to_be_noise():
     def side(value, verdict):
-        return Side(verdict, {}, {"calm": verdict}, {("calm", ""): Number(value, 0.1, 1.0, verdict)})
+        return Alternative(verdict, {}, {("calm", ""): Entry(value, 0.1, 1.0, verdict)})
 
     for after, noise in ((1.3, True), (1.6, False)):
-        (one,) = moved_claims(side(0.9, "holds"), side(after, "fails"), [CALM])
+        (one,) = moved_claims(side(0.9, "holds"), side(after, "fails"))
         assert noise == ("turns within noise" in apart(one))
 
 
 def test_of_a_number_that_is_not_finite_only_the_verdict_moves():
-    def side(measured, verdict):
-        margin = Margin(measure="", value=measured, limit=1.0, unit="1", distance=0.0, scale="values")
-        row = Claim(
-            **CALM.model_dump(include=set(Claim.model_fields)), verdict=verdict, reading="corrected", readings={}
-        )
-        result = Result(value=True, verdict=verdict, margin=margin)
-        return Side("", {}, {"calm": verdict}, numbers_of_reading(row, result))
-
-    (one,) = moved_claims(side(2.0, "holds"), side(math.inf, "fails"), [CALM])
-    assert one.turned and one.before == 2.0 and math.isnan(one.after) and math.isnan(one.size)
+    (one,) = moved_claims(statement("holds", "", 2.0), statement("fails", "", math.inf))
+    assert one.turned and one.before.value == 2.0 and math.isnan(one.after.value) and math.isnan(one.size)
 
 
 def test_a_claim_that_fails_to_give_a_result_is_told_with_its_sentence():
-    before = Side("a", {}, {"calm": "holds"}, {})
-    after = Side("b", {}, {"calm": "none"}, {}, failures={"calm": "the largest gain is 4e9"})
-    (one,) = moved_claims(before, after, [CALM])
-    assert (one.verdict_after, one.sentence) == ("none", "the largest gain is 4e9")
+    before = Alternative("a", {}, {("calm", ""): Entry(verdict="holds")})
+    after = Alternative("b", {}, {("calm", ""): Entry(verdict="none", said="the largest gain is 4e9")})
+    (one,) = moved_claims(before, after)
+    assert (one.after.verdict, one.after.said) == ("none", "the largest gain is 4e9")
 
 
 # ----------------------------------------------------------------------------------------------------------- on a paper
@@ -224,8 +223,7 @@ def evaluator():
 
 
 def moved(evaluator, *given):
-    asked, published = WhatIf(evaluator, *given), [*evaluator.published.values()]
-    return difference(*asked.sides(), published).moved
+    return difference(*WhatIf(evaluator, *given).sides()).moved
 
 
 @pytest.mark.stages
@@ -234,9 +232,8 @@ def test_what_if_names_what_moves_and_what_was_set(evaluator):
     asked = WhatIf(evaluator, *changes_of(["initial_descent=printed"], evaluator.study.choices))
     assert asked.set == {"initial_descent": ("corrected", "printed")}
     assert asked.trials == evaluator.study.universe({}).trial_counts() and max(asked.trials.values()) == 100
-    published = [*evaluator.published.values()]
-    found = difference(*asked.sides(), published).moved
-    assert {"mc_mean_final_mass", "prior_final_mass"} <= {one.claim for one in found if one.counts}
+    found = difference(*asked.sides()).moved
+    assert {"mc_mean_final_mass", "prior_final_mass"} <= {one.name[0] for one in found if one.counts}
     assert not [one for one in moved(evaluator, {}, {"ensemble.drawn_trials": 7}) if one.counts]
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from marsedl.replication.claims.moved import Moved
+from marsedl.replication.claims.numbers import told_apart
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.rows import read_claims
 from marsedl.replication.claims.thresholds import SIGMAS
@@ -20,14 +22,8 @@ from marsedl.replication.pipeline.catalogue import Paper
 from marsedl.replication.records import store
 from marsedl.replication.report.one_line import with_unit
 from marsedl.replication.universes.judging import judge_in
-from marsedl.replication.universes.table import Universes, components_of, held
-from marsedl.replication.universes.what_if import (
-    Moved,
-    Side,
-    moves_of,
-    numbers_of_reading,
-    side_of_universe,
-)
+from marsedl.replication.universes.table import Universes, held
+from marsedl.replication.universes.what_if import Alternative, entries_of_reading, entries_of_universe, moved_claims
 
 _TEMPLATE = Path(__file__).with_name("compare.html.j2")
 
@@ -35,14 +31,14 @@ _TEMPLATE = Path(__file__).with_name("compare.html.j2")
 class Difference(NamedTuple):
     """What moved between two sides: inputs that differ, claims that move, claims that only one of them evaluates."""
 
-    before: Side
-    after: Side
+    before: Alternative
+    after: Alternative
     inputs: dict[str, tuple[str, str]]
     moved: list[Moved]
     alone: list[str]
 
 
-def side_of(name: str | int, study: Study, build: Path) -> Side:
+def side_of(name: str | int, study: Study, build: Path) -> Alternative:
     """Return a reading, a named point, or a universe by its number; build: with claims, universes and figures.
 
     Raises InputError if its claims, or universes, are not built.
@@ -56,16 +52,16 @@ def side_of(name: str | int, study: Study, build: Path) -> Side:
     results = {row.id: row.readings[name] for row in rows if name in row.readings and row.readings[name].verdict}
     if not results:
         raise InputError(f"the claims of {name} are not built; run 'snakemake report/claims/{study.paper}.json'")
-    numbers = {}
-    for row in rows:
-        numbers |= numbers_of_reading(row, results[row.id]) if row.id in results else {}
+    found = {}
+    for row in (row for row in rows if row.id in results):
+        found |= entries_of_reading(row, results[row.id])
     sources = study.readings[name].sources.items()
     inputs = {"size": study.size} | {key: with_unit(str(source.written), source.unit) for key, source in sources}
     place = figures if name == CORRECTED else figures / name
-    return Side(name, inputs, {name: one.verdict for name, one in results.items()}, numbers, place)
+    return Alternative(name, inputs, found, place)
 
 
-def of_other_build(name: str, study: Study, build: Path) -> Side:
+def of_other_build(name: str, study: Study, build: Path) -> Alternative:
     """Return a reading of a build that other code or other inputs may have made; its artifacts say which inputs.
 
     Raises InputError if its claims or artifacts are not there.
@@ -85,7 +81,7 @@ def of_other_build(name: str, study: Study, build: Path) -> Side:
     return replace(side, name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
 
 
-def of_universe(number: int, study: Study, path: Path) -> Side:
+def of_universe(number: int, study: Study, path: Path) -> Alternative:
     """Return a universe of a build; path: the table of universes.
 
     Raises InputError if there is no table, if it has no such universe, or if it is of other choices.
@@ -98,45 +94,20 @@ def of_universe(number: int, study: Study, path: Path) -> Side:
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
     values = study.choices.complete(universe.assignment).items()
     written = {name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in values}
-    return side_of_universe(judge_in(study, table), number, f"universe {number}", written)
+    return Alternative(f"universe {number}", written, entries_of_universe(judge_in(study, table), number))
 
 
-def moved_claims(before: Side, after: Side, published: Sequence[PublishedClaim]) -> list[Moved]:
-    """Return what moves of the claims that both judge: verdicts first, then by what noise and rounding explain.
-
-    Each number has its own verdict. Where that on the claim changes and that on no number does, the number is told that
-    moves most. A claim that fails to give a result is told with its sentence.
-    """
-    found = []
-    for claim in published:
-        old, new = (side.verdicts.get(claim.id, "none") for side in (before, after))
-        if "none" in (old, new):
-            if old != new and (sentence := after.failures.get(claim.id, "")):
-                nothing = math.nan, math.nan, 0.0
-                found.append(Moved(claim.id, claim.id, *nothing, old, new, math.nan, sentence=sentence))
-            continue
-        moves = sorted(moves_of(claim, before, after), key=_largest_first)
-        turned = [one for one in moves if one.turned]
-        if old != new and not turned:
-            turned = [replace(moves[0], verdict_before=old, verdict_after=new)]
-        # What the last digits do is no move.
-        rest = [one for one in moves if not one.turned and one.size > 0.0 and not math.isclose(one.before, one.after)]
-        found += turned + [one for one in rest if one.component not in {other.component for other in turned}]
-    return sorted(found, key=_largest_first)
-
-
-def in_digits(one: Moved, claim: PublishedClaim) -> tuple[str, str]:
-    """Return both numbers with so many digits that they differ, and their unit; "no number" for one that is none."""
-    labels = [claim.id + label for label, *_ in components_of(claim)]
-    units, at = claim.unit.split(", "), labels.index(one.component)
-    unit = units[at % len(units)]
-    for digits in (4, 6, 10):
-        texts = [f"{number:.{digits}g}" for number in (one.before, one.after)]
-        if len({*texts}) == 2:
-            break
-    first, second = ("no number" if text == "nan" else with_unit(text, unit) for text in texts)
+def in_numbers(one: Moved) -> tuple[str, str]:
+    """Return both numbers with so many digits that they differ, with units; empty where only verdicts are compared."""
+    rows = one.before, one.after
+    if not any(row.is_number for row in rows):
+        return "", ""
+    texts = told_apart(*(row.value for row in rows))
+    first, second = (
+        with_unit(text, row.unit) if row.is_number else "no number" for text, row in zip(texts, rows, strict=True)
+    )
     if not one.same_test:  # of which no difference means anything
-        first, second = f"{first} (limit {one.limit_before:.4g})", f"{second} (limit {one.limit_after:.4g})"
+        first, second = f"{first} (limit {one.before.limit:.4g})", f"{second} (limit {one.after.limit:.4g})"
     return first, second
 
 
@@ -144,14 +115,10 @@ def apart(one: Moved) -> str:
     """Return how far two numbers are apart, in words."""
     if not one.same_test:
         return "another test decides"
-    if not math.isfinite(one.before - one.after):
+    if not (one.before.is_number and one.after.is_number):
         return ""
-    distance = f"{one.sigmas:.1f} standard errors" if one.error > 0.0 else "no sampling error"
+    distance = "no sampling error" if math.isnan(one.sigmas) else f"{one.sigmas:.1f} standard errors"
     return f"{distance}, turns within noise" if one.turned and one.sigmas < SIGMAS else distance
-
-
-def _largest_first(one: Moved) -> tuple:
-    return not one.turned, -(0.0 if math.isnan(one.size) else one.size)
 
 
 def named(name: str, study: Study) -> tuple[Path | None, str | int]:
@@ -168,13 +135,12 @@ def named(name: str, study: Study) -> tuple[Path | None, str | int]:
     return Path(folder) if folder else None, study.reading(reading).name
 
 
-def difference(before: Side, after: Side, published: Sequence[PublishedClaim]) -> Difference:
+def difference(before: Alternative, after: Alternative) -> Difference:
     """Return what moved between two sides."""
     names = dict.fromkeys([*before.inputs, *after.inputs])
     pairs = {name: (before.inputs.get(name, "-"), after.inputs.get(name, "-")) for name in names}
     changed = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-    alone = sorted(before.verdicts.keys() ^ after.verdicts.keys())
-    return Difference(before, after, changed, moved_claims(before, after, published), alone)
+    return Difference(before, after, changed, moved_claims(before, after), sorted(before.claims ^ after.claims))
 
 
 def write_page(
@@ -198,7 +164,7 @@ def write_page(
         printed={one.id: one for one in published},
         pictures={stem: [base64.b64encode(one.read_bytes()).decode() for one in pair] for stem, pair in shown.items()},
         left_out=[stem for stem in pairs if stem not in shown],
-        in_digits=in_digits,
+        in_numbers=in_numbers,
         apart=apart,
         words=in_words,
     )

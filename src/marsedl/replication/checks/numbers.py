@@ -5,28 +5,20 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from marsedl.replication.claims.committed import entries_text, read_entries
+from marsedl.replication.claims.moved import Entry, Moved, moved, standard_errors
+from marsedl.replication.claims.numbers import NOT_EVALUATED, format_number
 from marsedl.replication.errors import InputError
 from marsedl.replication.files import write_text
+from marsedl.replication.report.one_line import with_unit
 from marsedl.replication.terminal import columns, summarize
 
 ROUNDING = 1e-6  # of the accepted value: no tolerance is smaller
 GROWN, OUTGROWN = 2.0, 10.0  # a standard error widens the tolerance: growth beyond the first is said, the second fails
 
 
-class Entry(NamedTuple):
-    """A number with its unit and standard error, 0 if it is exact."""
-
-    value: float
-    unit: str
-    standard_error: float
-
-    def __str__(self) -> str:
-        """Return it as a reader would write it."""
-        error = f" ± {self.standard_error:.2g}" if self.standard_error else ""
-        return f"{self.value:.6g}{error} {self.unit}".removesuffix(" 1").rstrip()
+_COLUMNS = ("value", "unit", "standard_error")
 
 
 def read_table(path: Path) -> dict[str, Entry]:
@@ -34,7 +26,7 @@ def read_table(path: Path) -> dict[str, Entry]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.DictReader(file)
-            if missing := [name for name in ("name", *Entry._fields) if name not in (rows.fieldnames or ())]:
+            if missing := [name for name in ("name", *_COLUMNS) if name not in (rows.fieldnames or ())]:
                 raise InputError(f"{path}: no column {', '.join(missing)}; it needs name,value,unit,standard_error")
             found = {}
             for row in rows:
@@ -79,7 +71,7 @@ def _entry(row: Mapping, place: str) -> Entry:
     value, error = numbers
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
         raise InputError(f"{place}: value and standard_error must be finite, and the error not negative")
-    return Entry(value, (row["unit"] or "1").strip(), error)
+    return Entry(value, error, unit=(row["unit"] or "1").strip(), rounding=ROUNDING * abs(value))
 
 
 def tolerance_of(text: str) -> float:
@@ -95,50 +87,59 @@ def accept_numbers(table: Path, path: Path) -> str:
     if path.is_dir():
         example = path / "numbers.json"
         raise InputError(f"{path} is a folder; --reference takes a file with --numbers, such as {example}")
-    write_text(path, entries_text({name: entry._asdict() for name, entry in found.items()}))
+    kept = {name: {"value": one.value, "unit": one.unit, "standard_error": one.error} for name, one in found.items()}
+    write_text(path, entries_text(kept))
     return f"wrote {path}: {len(found)} numbers of {table}"
 
 
-def compare_numbers(table: Path, path: Path, standard_errors: float) -> bool:
+def compare_numbers(table: Path, path: Path, count: float) -> bool:
     """Compare a table with its reference; prints what differs, worst first.
 
     A number may move by some standard errors of the difference, and by rounding. A unit that changes, a number that is
     gone, an exact one that gains a standard error and an error that grows beyond ten times fail, as the table must not
     set its own tolerance; a number that is new is said.
     """
-    found, accepted, moved, notes = read_table(table), read_reference(path), [], []
-    for name, old in accepted.items():
-        new = found.get(name)
-        if refused := _refusal(old, new):
-            moved.append((math.inf, (name, str(old), str(new or "–"), refused)))
-            continue
-        error, floor = math.hypot(old.standard_error, new.standard_error), ROUNDING * abs(old.value)
-        apart, far = abs(new.value - old.value), max(standard_errors * error, floor)
-        if apart > far:
-            share = f"{apart / error:.3g} standard errors apart" if error else "it has no standard error"
-            moved.append((apart / far if far else math.inf, (name, str(old), str(new), share)))
-        if new.standard_error > GROWN * old.standard_error > 0:
-            notes.append(f"{name}: its standard error grew from {old.standard_error:.2g} to {new.standard_error:.2g}")
-    notes += [f"{name}: new, not guarded before it is accepted" for name in found if name not in accepted]
-    limit = f"{standard_errors:g} standard errors"
-    parts = [f"{table}: {len(accepted)} numbers of {path}, {len(moved)} differ (tolerance: {limit})"]
-    if moved:
-        rows = [row for _, row in sorted(moved, key=lambda one: -one[0])]
+    found, accepted = read_table(table), read_reference(path)
+    both = moved(accepted, found, standard_errors(count))
+    refused = {one.name: refusal for one in both if one.before and (refusal := _refusal(one))}
+    differing = [one for one in both if one.name in refused or (one.before and one.counts)]
+    rows = [
+        (one.name, _said(one.before), _said(one.after), refused.get(one.name) or _distance(one))
+        for one in sorted(differing, key=lambda one: (one.name not in refused, -one.size))
+    ]
+    notes = [f"{one.name}: new, not guarded before it is accepted" for one in both if not one.before]
+    for one in (one for one in both if one.is_on_both and one.after.error > GROWN * one.before.error > 0):
+        notes.append(f"{one.name}: its standard error grew from {one.before.error:.2g} to {one.after.error:.2g}")
+    limit = f"{count:g} standard errors"
+    parts = [f"{table}: {len(accepted)} numbers of {path}, {len(rows)} differ (tolerance: {limit})"]
+    if rows:
         parts.append(columns([("name", "accepted", "now", ""), *rows], 2))
     text = "\n".join([*parts, *(f"  note: {note}" for note in notes)])
     print(text)
     summarize(text)
-    if moved:
+    if rows:
         print(f"if this is meant, run 'marsedl accept --numbers {table} --reference {path}'")
-    return not moved
+    return not rows
 
 
-def _refusal(old: Entry, new: Entry | None) -> str:
+def _said(entry: Entry | None) -> str:
+    """A number as a reader would write it."""
+    if entry is None:
+        return NOT_EVALUATED
+    return with_unit(format_number(entry.value, entry.error), entry.unit)
+
+
+def _distance(one: Moved) -> str:
+    """How far a number moved."""
+    return f"{one.sigmas:.3g} standard errors apart" if one.error else "it has no standard error"
+
+
+def _refusal(one: Moved) -> str:
     """Say why a number is refused whatever its value."""
-    if new is None:
+    if not one.after:
         return "it is gone"
-    if new.unit != old.unit:
+    if not one.same_unit:
         return "another unit"
-    if new.standard_error > 0 == old.standard_error:
+    if one.after.error > 0 == one.before.error:
         return "it was exact"
-    return f"its error grew beyond {OUTGROWN:g} times" * (new.standard_error > OUTGROWN * old.standard_error)
+    return f"its error grew beyond {OUTGROWN:g} times" if one.after.error > OUTGROWN * one.before.error else ""

@@ -1,19 +1,22 @@
 """The numbers, verdicts and printed claims of a build against the committed ones, or against a user's own."""
 
 import json
+import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cache, partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from marsedl.replication.claims import committed
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
 from marsedl.replication.claims.counts import plural
+from marsedl.replication.claims.moved import Entry, Moved, largest_first, moved, relative
+from marsedl.replication.claims.numbers import NOT_EVALUATED
 from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
 from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
@@ -34,11 +37,14 @@ RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but 
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
 TRUTH_ROUNDING = 1e-9  # of the moments of truth values, which have no tolerance
 NOT_TURNED = "not turned"  # of a claim without a counterexample that works
-_NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
 TURNED, TURNED_MARKER = Path("docs/verdicts.md"), "<!-- turned: written by marsedl accept -->"
 _TURNED_HEAD = re.compile(rf"{TURNED_MARKER}\n+\|.*\n\|[-|]+\n")  # the marker and the head of its table
 _CLAIMS = "claims/"  # of the numbers that claims give; all other numbers are fields of artifacts
-_TEXTS = (PUBLISHED, VERDICTS, COUNTEREXAMPLES)  # all others are numbers
+_KINDS = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", _CLAIMS: ""}  # as a table of changes names them
+_TEXTS = (PUBLISHED, VERDICTS)  # all others are numbers
+_TRUTH, _BY_SHAPE = "true or false", "by shape"  # what is said of numbers
+_NONE = np.array([])  # the numbers of a text
+_MOST_COMPONENTS = 20  # along the last dimension of a field; more are times or the like
 _ROWS = 40  # numbers in a table of changes, unless all are asked for; verdicts and printed claims are all shown
 
 Entries = Mapping[str, dict | str]  # by name, as the committed files hold them
@@ -110,22 +116,29 @@ def _printed(row: Claim) -> str:
 
 
 def _reduced_fields(path: Path) -> dict[str, dict]:
-    """The reduced fields of an artifact that are numbers; none of one that is missing."""
+    """The reduced fields of an artifact that are numbers, of an ensemble also by component; none if it is missing."""
     if not path.exists():
         return {}
     found = {}
     with opened(path) as file:
-        for name in filter(partial(holds_field, file), sorted(file)):
-            field = file[name]
-            if field.dtype.kind not in "fiub":
-                continue
-            array = np.array(field)
+        names = list(filter(partial(holds_field, file), sorted(file)))
+        is_ensemble = any(TRIALS in file[name].attrs["dimensions"] for name in names)
+        for name in (name for name in names if file[name].dtype.kind in "fiub"):
+            array = np.array(file[name])
             found[name] = _reduced(array)
-            # Of single trials by component: beside a mass of a ton, no moment of all would see a scatter in metres.
-            scales = field.dims[array.ndim - 1].values() if TRIALS in field.attrs["dimensions"] else ()
-            labels = [label for scale in scales if scale.dtype.kind == "O" for label in scale.asstr()[()]]
+            # Beside a mass of a ton, no moment of all states would see a scatter in metres.
+            labels = _components(file[name]) if is_ensemble and array.ndim > 1 else []
             found |= {f"{name}[{label}]": _reduced(array[..., place]) for place, label in enumerate(labels)}
     return found
+
+
+def _components(field: h5py.Dataset) -> list[str]:
+    """What entries along the last dimension of a field of an ensemble are called, if they are states or the like."""
+    extent, last = field.shape[-1], field.attrs["dimensions"].strip("()").rpartition(", ")[2]
+    if last == TRIALS or extent > _MOST_COMPONENTS:
+        return []
+    names = [scale for scale in field.dims[field.ndim - 1].values() if scale.dtype.kind == "O"]
+    return [*names[0].asstr()[()]] if names else [str(place + 1) for place in range(extent)]
 
 
 def _reduced(array: np.ndarray) -> dict:
@@ -147,92 +160,72 @@ def _field(name: str) -> str:
     return name.partition("[")[0]
 
 
-def margins_of(name: str, reference: Mapping, values: Mapping) -> np.ndarray:
-    """Return how far each number of a field moved, in tolerances; infinite for another shape or truth value."""
-    if reference["shape"] != values["shape"] or len(reference["numbers"]) != len(values["numbers"]):
-        return np.array([np.inf])
-    a, b = np.array(reference["numbers"]), np.array(values["numbers"])
-    if "truth" in {*reference, *values}:
-        return np.where(np.abs(a - b) > TRUTH_ROUNDING, np.inf, 0.0)
-    size = max([*a[:1], 1.0 if _field(name).endswith(RESIDUALS) else SMALLEST_SCALE])
-    tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a) if reference["counts"] else RELATIVE_TOLERANCE * size
-    return np.abs(a - b) / tolerance
+def _side(entries: Entries, truths: Collection[str], by_shape: Collection[str]) -> dict[str, Entry]:
+    """What is committed, or found, as one side of a comparison: texts as verdicts, numbers with their tolerances."""
+    side = {}
+    for name, of in entries.items():
+        if name.startswith(VERDICTS):
+            side |= {f"{name}, {reading}": Entry(_NONE, verdict=verdict) for reading, verdict in of.items()}
+        elif isinstance(of, str):
+            claim, is_turned = name.partition("/")[2], name.startswith(COUNTEREXAMPLES)
+            side[f"{VERDICTS}{claim}, counterexample" if is_turned else name] = Entry(_NONE, verdict=of)
+        elif name in by_shape:
+            side[name] = Entry(_NONE, unit=f"shape {of['shape']}", said=_BY_SHAPE)
+        else:
+            numbers, unit = np.array(of["numbers"]), f"shape {of['shape']}"
+            size = max([*numbers[:1], 1.0 if _field(name).endswith(RESIDUALS) else SMALLEST_SCALE])
+            rounding = 1.0 + COUNT_TOLERANCE * np.abs(numbers) if of["counts"] else RELATIVE_TOLERANCE * size
+            rounding, said = (TRUTH_ROUNDING, _TRUTH) if name in truths else (rounding, "")
+            unit += "" if len(numbers) else ", no finite number"
+            side[name] = Entry(numbers, unit=unit, rounding=rounding, said=said)
+    return side
 
 
-@dataclass(frozen=True)
-class Change:
-    """What differs between committed and found: what a paper prints, a verdict, or a number beyond its tolerance."""
-
-    name: str
-    old: str
-    new: str
-    margin: float = np.inf  # in tolerances; of a verdict that of its number, infinite where one of the two is missing
-    of: str = ""  # PUBLISHED, VERDICTS (and of counterexamples), or a number
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A build and the reference of one paper, compared."""
-
-    changes: list[Change]  # numbers last, by their margin
-    margins: dict[str, float]  # of the numbers that both have
-    by_shape: set[str]  # those whose numbers are left to rounding
-
-    def of(self, kind: str) -> list[Change]:
-        """Return the changes of one kind."""
-        return [change for change in self.changes if change.of == kind]
-
-
-def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> Comparison:
+def compare(reference: Entries, build: Entries, noise: Sequence[str] = ()) -> list[Moved]:
     """Compare what is committed with what was found, both as `fingerprints` gives them.
 
     noise: patterns of names of which only the shape is compared.
     """
-    names, numbers, margins, by_shape, changes = dict.fromkeys([*reference, *build]), [], {}, set(), []
-    for name in (name for name in names if not name.startswith(_TEXTS)):
-        old, new, moved = reference.get(name), build.get(name), np.array([np.inf])
-        if old and new:
-            expected = old
-            if any(fnmatchcase(_field(name), pattern) for pattern in noise):
-                by_shape.add(name)
-                expected = {**old, "numbers": new["numbers"]}
-            moved = margins_of(name, expected, new)
-            margins[name] = float(moved.max(initial=0.0))
-        if (moved > 1).any():
-            worst = int(np.argmax(moved))
-            numbers.append(Change(name, _described(old, worst), _described(new, worst), float(moved[worst])))
-    for name in (name for name in names if name.startswith(_TEXTS)):
-        old, new = _texts(name, reference.get(name)), _texts(name, build.get(name))
-        kind = PUBLISHED if name.startswith(PUBLISHED) else VERDICTS
-        for label in old | new:
-            before, now = old.get(label, _NOTHING), new.get(label, _NOTHING)
-            if before != now:
-                margin = margins.get(_CLAIMS + label.replace(", ", "/"), np.inf)
-                changes.append(Change(label, before, now, margin, kind))
-    return Comparison([*changes, *sorted(numbers, key=lambda change: -change.margin)], margins, by_shape)
+    every = reference | build
+    by_shape = {name for name in every if any(fnmatchcase(_field(name), pattern) for pattern in noise)}
+    truths = {name for one in (reference, build) for name, of in one.items() if isinstance(of, dict) and "truth" in of}
+    both = moved(*(_side(one, truths, by_shape) for one in (reference, build)), relative)
+    # A truth value has no tolerance.
+    return [one._replace(size=math.inf) if one.name in truths and one.size > 1.0 else one for one in both]
 
 
-def _texts(name: str, entry: Mapping[str, str] | str | None) -> Mapping[str, str]:
-    """What is printed of a claim, or the verdicts on it, by what they are called in a table of changes."""
-    claim = name.partition("/")[2]
-    if isinstance(entry, Mapping):
-        return {f"{claim}, {reading}": verdict for reading, verdict in entry.items()}
-    return {} if entry is None else {claim if name.startswith(PUBLISHED) else f"{claim}, counterexample": entry}
+def changes(both: Iterable[Moved], kind: str) -> list[Moved]:
+    """Return what differs of one kind: PUBLISHED, VERDICTS (and of counterexamples), or else numbers, largest first."""
+    if kind:
+        return [one for one in both if one.counts and one.name.startswith(kind)]
+    return sorted((one for one in both if one.counts and not one.name.startswith(_TEXTS)), key=largest_first)
 
 
-def _described(entry: Mapping | None, moment: int) -> str:
-    """A reduced field in a few words: its number, the moment of an array that moved most, or its shape."""
-    if entry is None:
-        return _NOTHING
-    if moment >= len(entry["numbers"]):
-        return f"shape {entry['shape']}, no finite number"
-    number = f"{entry['numbers'][moment]:.10g}"
-    if entry.get("truth") and not entry["shape"]:
-        return "true" if entry["numbers"][moment] else "false"
-    return f"shape {entry['shape']}, {MOMENTS[moment]} {number}" if entry["shape"] else number
+def sizes_of(both: Iterable[Moved]) -> dict[str, float]:
+    """Return how far each number that both sides have moved, in tolerances; infinite for another shape or truth."""
+    return {one.name: one.size for one in both if one.is_on_both and not one.name.startswith(_TEXTS)}
 
 
-def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
+def _described(one: Moved) -> list[str]:
+    """Both sides in a few words: a text; a number, the moment of an array that moved most, or its shape."""
+    at = 0
+    if one.is_on_both and one.same_unit and len(one.before.value):
+        at = int(np.argmax(np.abs(one.before.value - one.after.value) / one.before.rounding))
+
+    def text(entry: Entry | None) -> str:
+        if entry is None:
+            return NOT_EVALUATED
+        if not len(entry.value):
+            return entry.verdict or entry.unit
+        number = f"{entry.value[at]:.10g}"
+        if entry.unit != "shape []":
+            return f"{entry.unit}, {MOMENTS[at]} {number}"
+        return {"1": "true", "0": "false"}.get(number, number) if entry.said == _TRUTH else number
+
+    return [text(one.before), text(one.after)]
+
+
+def format_changes(both: Sequence[Moved], rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
     """Format changes as a table: name, old, new, how far apart; internals are counted unless all are asked for.
 
     rows: the claims of the build, which say what they are about. The distance of two of a claim's single numbers is in
@@ -240,26 +233,27 @@ def format_changes(comparison: Comparison, rows: Sequence[Claim] = (), *, all_of
     """
     words = {row.id: (row.plain or row.quantity).rstrip(".") for row in rows}
     errors = {f"{_CLAIMS}{row.id}/{name}": of.standard_error for row in rows for name, of in row.readings.items()}
-    kinds, numbers = {PUBLISHED: "the paper's ", VERDICTS: "verdict of ", "": ""}, comparison.of("")
-    claims = [change for change in numbers if change.name.startswith(_CLAIMS)]
-    inner = [change for change in numbers if not change.name.startswith(_CLAIMS)]
+    numbers, sizes = changes(both, ""), sizes_of(both)
+    claims = [one for one in numbers if one.name.startswith(_CLAIMS)]
+    inner = [one for one in numbers if not one.name.startswith(_CLAIMS)]
     shown_ones = [*claims, *inner] if all_of_them else claims[:_ROWS]
     lines = [("claim or field", "accepted", "now", "apart")]
-    for change in [*comparison.of(PUBLISHED), *comparison.of(VERDICTS), *shown_ones]:
-        apart, error = "", errors.get(change.name)
-        if np.isfinite(change.margin) and error and isinstance(error, int | float):
-            off = abs(float(change.new) - float(change.old)) / float(np.sqrt(2.0) * error)
-            apart = f"{off:.3g} standard errors"
-        elif change.of and change.margin == 0.0:
+    for one in [*changes(both, PUBLISHED), *changes(both, VERDICTS), *shown_ones]:
+        kind = next((kind for kind in _KINDS if one.name.startswith(kind)), "")
+        name, (old, new), error = one.name.removeprefix(kind), _described(one), errors.get(one.name)
+        is_text = one.name.startswith(_TEXTS)
+        size = sizes.get(_CLAIMS + name.replace(", ", "/"), math.inf) if is_text else one.size
+        apart = f"{size:.3g} tolerances" if np.isfinite(size) else ""
+        if is_text and size == 0.0:
             apart = "same number"
-        elif np.isfinite(change.margin):
-            apart = f"{change.margin:.3g} tolerances"
-        name = change.name.removeprefix(_CLAIMS)
-        said = words.get(re.split("[/,]", name)[0]) if change.of or name != change.name else ""
-        named = f"{said} ({kinds[change.of]}{name})" if said else kinds[change.of] + name
-        lines.append((named, change.old, change.new, apart))
+        elif apart and error and isinstance(error, int | float):
+            off = abs(float(new) - float(old)) / float(np.sqrt(2.0) * error)
+            apart = f"{off:.3g} standard errors"
+        said = words.get(re.split("[/,]", name)[0]) if kind else ""
+        named = _KINDS.get(kind, "") + name
+        lines.append((f"{said} ({named})" if said else named, old, new, apart))
     parts = [columns(lines, 2)] if len(lines) > 1 else []
-    artifacts = len({change.name.rpartition("/")[0] for change in inner})
+    artifacts = len({one.name.rpartition("/")[0] for one in inner})
     folded = [f"{plural(len(claims) - _ROWS, 'number')} of claims more"] * (len(claims) > _ROWS)
     folded += [f"{plural(len(inner), 'number')} of {plural(artifacts, 'artifact')}"] * bool(inner)
     if folded and not all_of_them:
@@ -299,16 +293,23 @@ def compare_reference(
             has = f"{path} has {', '.join(sorted(lost))}, which is not configured here"
             raise InputError(f"{has}; give the --configfile that holds it, or accept")
         new = (_readings_of(found) - _readings_of(reference)) & shared.study.own_readings
-        comparison = compare(reference, _without(found, new), shared.paper.noise)
-        lines = [_summary(slug, comparison), *(f"  {text}" for text in refused)]
+        later = _later(reference, found)
+        compared = {name: of for name, of in _without(found, new).items() if name not in later}
+        both = compare(reference, compared, shared.paper.noise)
+        lines = [_summary(slug, both), *(f"  {text}" for text in refused)]
+        if later:
+            lines.append(
+                f"  note: {len(later)} numbers of single states have no reference yet; 'marsedl accept' stores them"
+            )
         lines += [f"  note: reading {name} has no reference yet; 'marsedl accept' stores it" for name in sorted(new)]
         beside = dict.fromkeys(name for row in rows for name in row.readings if name not in known)
         lines += [f"  note: reading {name} is not configured here, and not compared" for name in beside]
-        if comparison.changes:
-            lines.append(format_changes(comparison, rows, all_of_them=all_of_them))
-            details.append(format_changes(comparison, rows))
+        changed = format_changes(both, rows, all_of_them=all_of_them)
+        if changed:
+            lines.append(changed)
+            details.append(format_changes(both, rows))
         tables.append("\n".join(lines))
-        agree = agree and not comparison.changes and not refused
+        agree = agree and not changed and not refused
     head = ["changed since these numbers were accepted:", *reasons] if reasons else []
     text = "\n".join([*head, *tables])
     print(text)
@@ -317,6 +318,12 @@ def compare_reference(
         own = folder and f"run '{committed.accept_command(folder)}' with the options of this check"
         print("if the changes are intended,", own or "accept them with 'marsedl accept' after a full build", flush=True)
     return agree
+
+
+def _later(reference: Entries, found: Entries) -> set[str]:
+    """Components of fields that a reference has only as a whole: it was written before they were told apart."""
+    new = (name for name in found if name not in reference)
+    return {name for name in new if _field(name) != name and _field(name) in reference}
 
 
 def _readings_of(entries: Entries) -> set[str]:
@@ -352,20 +359,20 @@ def accept_reference(root: Path, build: Path, papers: Papers, made: Made, folder
         accepted = reference.pop(BUILD, None)
         if accepted and accepted["size"] != made[slug]["size"]:
             reference = {}
-        comparison = compare(reference, found, shared.paper.noise)
+        both = compare(reference, found, shared.paper.noise)
         if reference:
-            print(_summary(slug, comparison))
-            if comparison.changes:
-                print(format_changes(comparison, rows, all_of_them=False))
+            print(_summary(slug, both))
+            if changed := format_changes(both, rows, all_of_them=False):
+                print(changed)
         else:
             verdicts = sum(len(entry) for name, entry in found.items() if name.startswith(VERDICTS))
-            numbers = sum(not name.startswith(_TEXTS) for name in found)
+            numbers = sum(isinstance(entry, Mapping) and not name.startswith(_TEXTS) for name, entry in found.items())
             print(f"{slug}: first reference of size {made[slug]['size']}: {verdicts} verdicts, {numbers} numbers")
-        kept = [name for name, margin in comparison.margins.items() if margin <= 1]
+        kept = [name for name, size in sizes_of(both).items() if size <= 1.0]
         found |= {name: reference[name] for name in kept if reference[name].keys() == found[name].keys()}
         texts[path] = committed.entries_text({BUILD: made[slug], **found})
-        changes = [change for change in comparison.of(VERDICTS) if change.old != _NOTHING]
-        turned += [(slug, change) for change in changes if change.name.endswith(f", {CORRECTED}")]
+        changed = [one for one in changes(both, VERDICTS) if one.before]
+        turned += [(slug, one) for one in changed if one.name.endswith(f", {CORRECTED}")]
     if turned and folder is None and (root / TURNED).exists():
         texts[root / TURNED] = _with_turned((root / TURNED).read_text(encoding="utf-8"), turned)
     for path, text in texts.items():  # of all papers or of none
@@ -373,15 +380,16 @@ def accept_reference(root: Path, build: Path, papers: Papers, made: Made, folder
     return list(texts)
 
 
-def _with_turned(page: str, turned: Iterable[tuple[str, Change]]) -> str:
+def _with_turned(page: str, turned: Iterable[tuple[str, Moved]]) -> str:
     """The page on verdicts with a row for each that turned, newest first; a row written before keeps its reason."""
     head = _TURNED_HEAD.search(page)
     if not head:
         raise MarsedlError(f"{TURNED} has no table below '{TURNED_MARKER}'; restore it with 'git checkout {TURNED}'")
     table, rows = page[head.end() :].partition("\n\n")[0], ""
-    for slug, change in turned:
-        claim = f"| {slug}, `{change.name.removesuffix(f', {CORRECTED}')}` |"
-        row = f"{claim} {change.old} | {change.new} |"
+    for slug, one in turned:
+        name = one.name.removeprefix(VERDICTS).removesuffix(f", {CORRECTED}")
+        claim = f"| {slug}, `{name}` |"
+        row = f"{claim} {' | '.join(_described(one))} |"
         if not (claim + table.partition(claim)[2]).startswith(row):
             rows += f"{row} why not said yet: write it here |\n"
     return page[: head.end()] + rows + page[head.end() :]
@@ -416,20 +424,21 @@ def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim
     return rows, entries, [f"{slug}: claim {claim} {reason}" for claim in unexplained(rows)]
 
 
-def _summary(slug: str, comparison: Comparison) -> str:
+def _summary(slug: str, both: Sequence[Moved]) -> str:
     """What was compared and how much of it differs, in a line."""
-    margins, rounding, printed = comparison.margins, len(comparison.by_shape), len(comparison.of(PUBLISHED))
-    worst = max(margins, key=margins.get, default="none of them was built")
-    beyond = sum(margin > 1 for margin in margins.values())
-    furthest = f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
-    if np.isinf(margins.get(worst, 0.0)):
+    sizes, printed = sizes_of(both), len(changes(both, PUBLISHED))
+    rounding = sum(one.is_on_both and one.before.said == _BY_SHAPE for one in both)
+    worst = max(sizes, key=sizes.get, default="none of them was built")
+    beyond = sum(size > 1.0 for size in sizes.values())
+    furthest = f"worst margin {sizes.get(worst, 0.0):.3g} tolerances ({worst})"
+    if np.isinf(sizes.get(worst, 0.0)):
         furthest = f"another truth value or shape ({worst})"
-    moved = furthest if any(margins.values()) or not margins else "every number as accepted"
-    return (
-        f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, "
-        f"{plural(len(comparison.of(VERDICTS)), 'verdict')} changed, "
+    furthest = furthest if any(sizes.values()) or not sizes else "every number as accepted"
+    text = (
+        f"{slug}: {len(sizes) - rounding} numbers compared with {slug}.json, "
+        f"{plural(len(changes(both, VERDICTS)), 'verdict')} changed, "
         f"{plural(beyond, 'number')} beyond tolerance, "
-        f"{sum(change.new == _NOTHING for change in comparison.changes)} missing; {moved}"
-        + f"; {rounding} that rounding decides compared by shape" * bool(rounding)
-        + f"; {plural(printed, 'printed claim')} not as accepted" * bool(printed)
+        f"{sum(one.after is None for one in both)} missing; {furthest}"
     )
+    text += f"; {rounding} that rounding decides compared by shape" if rounding else ""
+    return text + (f"; {plural(printed, 'printed claim')} not as accepted" if printed else "")

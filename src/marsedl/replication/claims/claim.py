@@ -5,22 +5,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
+from marsedl.replication.claims.names import COUNTED_VERDICTS, LISTED_VERDICTS, REFUTED_VERDICTS
 from marsedl.replication.claims.numbers import plain
 from marsedl.replication.sizes import FULL
 
-REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
-COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
-AGREEING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim agrees with the paper
-BY_CONSTRUCTION = "by_construction"  # what cannot fail
-# Inputs, literature and what cannot fail: shown, never counted.
-LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted", BY_CONSTRUCTION)
-UNDECIDED = "undetermined"  # the kind of what the paper's own problem does not fix
-NUMBERS, STATEMENTS = "numbers", "statements"  # the two kinds of results, which are counted apart
-VERDICTS_OF = {
-    NUMBERS: ("reproduced", "close", "differs", "undetermined"),
-    STATEMENTS: ("holds", "fails", "undetermined"),
-}
-MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 
 
@@ -175,6 +163,8 @@ class Result(_Part):
     """why the verdict is undetermined"""
     margin: Margin | None = None
     """how far the measure that decides is from its limit; null: nothing was compared with a limit"""
+    test: str = ""
+    """which of the tests of a statement decides, such as `test 2`; empty: it has no limit, or the claim is a number"""
 
 
 class Claim(_Part):
@@ -243,8 +233,3 @@ class Claim(_Part):
     def is_refuted(self) -> bool:
         """Whether the claim differs or fails."""
         return self.verdict in REFUTED_VERDICTS
-
-    def unit_of(self, component: tuple[int, ...]) -> str:
-        """Return the unit of one number: units that differ are listed with commas."""
-        units = self.unit.split(", ")
-        return units[component[0]] if component and component[0] < len(units) > 1 else self.unit

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, Claim, Counterexample
+from marsedl.replication.claims.claim import Claim, Counterexample
+from marsedl.replication.claims.names import BY_CONSTRUCTION
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.pipeline.injection import LARGE, Arguments, Missing
 from marsedl.replication.records.fields import layout, quantities

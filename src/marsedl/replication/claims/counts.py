@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-# As in claim.py, which is slow to import.
-_NO_CLAIMS = ("as_stated", "not_as_stated", "quoted"), ("input", "context")  # verdicts and kinds
-_STANDING = ("reproduced", "close", "holds")
+from marsedl.replication.claims.names import (
+    AGREEING_VERDICTS,
+    BY_CONSTRUCTION,
+    COUNTED_VERDICTS,
+    LISTED_VERDICTS,
+    NUMBERS,
+    STATED,
+    STATEMENTS,
+    VERDICTS_OF,
+)
 
 
 class Counts(NamedTuple):
-    """Of some claims: printed numbers, statements, what cannot fail, and how they come out."""
+    """Of some claims: printed numbers, statements, how they come out, and how many headline claims there are.
+
+    `verdicts` are counted in all (`counted`), of printed numbers and statements apart, and of what is listed and never
+    counted (`listed`).
+    """
 
     numbers: int
     statements: int
-    bound: int
-    reproduced: int
-    close: int
-    hold: int
+    verdicts: Mapping[str, Mapping[str, int]]
     headline: int
     standing: int  # of the headline claims
+
+    @property
+    def bound(self) -> int:
+        """How many cannot fail."""
+        return self.verdicts["listed"][BY_CONSTRUCTION]
 
     @property
     def in_words(self) -> str:
@@ -32,13 +46,14 @@ class Counts(NamedTuple):
     @property
     def of_numbers(self) -> str:
         """How the printed numbers come out: "3 of 15 printed numbers reproduce, 3 are close"."""
-        close = f", {self.close} {'is' if self.close == 1 else 'are'} close" if self.close else ""
-        return f"{self.reproduced} of {plural(self.numbers, 'printed number')} reproduce{close}"
+        close = self.verdicts[NUMBERS]["close"]
+        also = f", {close} {'is' if close == 1 else 'are'} close" if close else ""
+        return f"{self.verdicts[NUMBERS]['reproduced']} of {plural(self.numbers, 'printed number')} reproduce{also}"
 
     @property
     def of_statements(self) -> str:
         """How the statements come out: "20 of 31 statements hold"."""
-        return f"{self.hold} of {plural(self.statements, 'statement')} hold"
+        return f"{self.verdicts[STATEMENTS]['holds']} of {plural(self.statements, 'statement')} hold"
 
     @property
     def of_headline(self) -> str:
@@ -48,19 +63,19 @@ class Counts(NamedTuple):
 
 def counted(rows: Iterable[Any]) -> Counts:
     """Count claims, or of what has their `kind`, `verdict` (None: not built) and `headline`."""
-    claims = [row for row in rows if row.verdict not in _NO_CLAIMS[0] and row.kind not in _NO_CLAIMS[1]]
-    verdicts, headline = [row.verdict for row in claims], [row.verdict for row in claims if row.headline]
-    bound = verdicts.count("by_construction")
-    statements = sum(row.kind == "qualitative" and row.verdict != "by_construction" for row in claims)
+    rows = list(rows)
+    found = Counter((STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows)
+    verdicts = {kind: {verdict: found[kind, verdict] for verdict in of} for kind, of in VERDICTS_OF.items()}
+    for name, of in (("counted", COUNTED_VERDICTS), ("listed", LISTED_VERDICTS)):
+        verdicts[name] = {verdict: found[NUMBERS, verdict] + found[STATEMENTS, verdict] for verdict in of}
+    unbuilt = [row.kind == "qualitative" for row in rows if row.verdict is None and row.kind not in STATED]
+    headline = [row.verdict for row in rows if row.headline]
     return Counts(
-        numbers=len(claims) - bound - statements,
-        statements=statements,
-        bound=bound,
-        reproduced=verdicts.count("reproduced"),
-        close=verdicts.count("close"),
-        hold=verdicts.count("holds"),
+        numbers=sum(verdicts[NUMBERS].values()) + unbuilt.count(False),
+        statements=sum(verdicts[STATEMENTS].values()) + unbuilt.count(True),
+        verdicts=verdicts,
         headline=len(headline),
-        standing=sum(verdict in _STANDING for verdict in headline),
+        standing=sum(verdict in AGREEING_VERDICTS for verdict in headline),
     )
 
 

@@ -4,6 +4,8 @@ import math
 from numbers import Integral
 from typing import Any
 
+import numpy as np
+
 NOT_EVALUATED = "–"
 
 
@@ -84,6 +86,16 @@ def flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], An
     if not isinstance(value, list):
         return {index: value}
     return {place: leaf for i, item in enumerate(value) for place, leaf in flatten(item, (*index, i)).items()}
+
+
+def unit_of(claim: Any, index: tuple[int, ...]) -> str:
+    """Return the unit of one number of a printed claim, by its index.
+
+    Units that differ are listed with commas, for the entries of the last dimension that has so many.
+    """
+    units = claim.unit.split(", ")
+    along = [axis for axis, extent in enumerate(np.shape(claim.printed)) if extent == len(units)]
+    return units[index[along[-1]]] if index and along and len(units) > 1 else claim.unit
 
 
 def is_number(value: Any) -> bool:

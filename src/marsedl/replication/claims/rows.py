@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from marsedl.replication.claims.claim import (
-    COUNTED_VERDICTS,
-    LISTED_VERDICTS,
-    NUMBERS,
-    STATEMENTS,
-    UNEXPLAINED,
-    VERDICTS_OF,
-    Claim,
-    Counterexample,
-)
-from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines
+from marsedl.replication.claims.claim import UNEXPLAINED, Claim, Counterexample
+from marsedl.replication.claims.numbers import NOT_EVALUATED, flatten, format_lines, unit_of
 from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.errors import ArtifactError
 from marsedl.replication.files import write_json, write_text
-from marsedl.replication.records.tables import Column, csv_text, table
+from marsedl.replication.records.tables import Column, csv_text, markdown, table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +92,7 @@ def claims_table(rows: Iterable[Claim]) -> pd.DataFrame:
                         verdicts.get(place, result.verdict) if place else result.verdict,
                         result.verdict,
                         result.trials,
-                        row.unit_of(place),
+                        unit_of(row, place),
                     )
                 )
     names = ("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict")
@@ -119,14 +109,14 @@ def write_table_of_claims(rows: Sequence[Claim], long: str | Path, wide: str | P
     readings = list(rows[0].readings)
     # not "printed", which is the name of a reading
     header = [*shown, "in the paper", *(text for name in readings for text in (name, f"{name} verdict"))]
-    lines = [[*header, "verdict", "reason"], ["---"] * (len(header) + 2)]
+    lines = [[*header, "verdict", "reason"]]
     for row in rows:
         cells = [getattr(row, key) for key in shown]
         cells.append("; ".join(format_lines(row.printed, resolution=row.resolution)))
         for name in readings:
             cells += ["; ".join(format_result(row, name)), row.readings[name].verdict or NOT_EVALUATED]
         lines.append([*cells, row.verdict, row.reason])
-    write_text(wide, "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines))
+    write_text(wide, markdown(lines))
 
 
 def format_result(row: Claim, reading: str) -> list[str]:
@@ -143,26 +133,6 @@ def format_result(row: Claim, reading: str) -> list[str]:
     return format_lines(result.value, result.standard_error, finer)
 
 
-def _markdown_cell(text: str) -> str:
-    escaped = str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
-    return " ".join(escaped.split())
-
-
 def unexplained(rows: Iterable[Claim]) -> list[str]:
     """Return the ids of claims that differ or fail without an erratum or a choice."""
     return [row.id for row in rows if row.reason == UNEXPLAINED]
-
-
-def summary(rows: Iterable[Claim]) -> dict[str, dict[str, int]]:
-    """Count the verdicts of claims, or of what has their `kind` and `verdict`.
-
-    Returns `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed
-    numbers and statements apart, and what is listed and never counted.
-    """
-    found = Counter((STATEMENTS if row.kind == "qualitative" else NUMBERS, row.verdict) for row in rows)
-
-    def every(verdicts: Iterable[str]) -> dict[str, int]:
-        return {verdict: found[NUMBERS, verdict] + found[STATEMENTS, verdict] for verdict in verdicts}
-
-    of_kinds = {kind: {verdict: found[kind, verdict] for verdict in of} for kind, of in VERDICTS_OF.items()}
-    return {"counted": every(COUNTED_VERDICTS), **of_kinds, "listed": every(LISTED_VERDICTS)}

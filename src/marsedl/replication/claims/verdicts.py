@@ -14,19 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from marsedl.replication.claims.claim import (
-    AGREEING_VERDICTS,
-    BY_CONSTRUCTION,
-    MEASURED,
-    REFUTED_VERDICTS,
-    UNEXPLAINED,
-    Claim,
-    Doubt,
-    Margin,
-    Result,
-    Tolerance,
-)
+from marsedl.replication.claims.claim import UNEXPLAINED, Claim, Doubt, Margin, Result, Tolerance
 from marsedl.replication.claims.counterexamples import Perturbation
+from marsedl.replication.claims.names import AGREEING_VERDICTS, BY_CONSTRUCTION, MEASURED, REFUTED_VERDICTS
 from marsedl.replication.claims.numbers import finite_values, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
 from marsedl.replication.claims.quotes import with_own_numbers
@@ -219,7 +209,9 @@ def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | No
             raise refuse(f"a statement is decided by true or false, found {evaluation.value!r}")
         verdict = "holds" if evaluation.value == claim.printed else "fails"
         verdict = "undetermined" if evaluation.doubts else verdict
-        return Result(verdict=verdict, doubts=evaluation.doubts, margin=evaluation.margin)
+        tests = (f"test {at}" for at, one in enumerate(evaluation.margins, start=1) if one == evaluation.margin)
+        test = next(tests, "") if evaluation.margin else ""
+        return Result(verdict=verdict, doubts=evaluation.doubts, margin=evaluation.margin, test=test)
     if not all(map(is_number, values.flat)):
         raise refuse(f"expected numbers, found {evaluation.value!r}")
 

@@ -34,16 +34,9 @@ from importlib import import_module
 
 import numpy as np
 
-from marsedl.replication.claims.claim import (
-    COUNTED_VERDICTS,
-    UNDECIDED,
-    Claim,
-    Counterexample,
-    Doubt,
-    Margin,
-    Tolerance,
-)
+from marsedl.replication.claims.claim import Claim, Counterexample, Doubt, Margin, Tolerance
 from marsedl.replication.claims.counterexamples import Perturbation
+from marsedl.replication.claims.names import COUNTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.numbers import finite_values, told_apart
 from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit

@@ -12,6 +12,7 @@ analyst the units. Columns are numbers, whole numbers, True and False, or words.
 imported where a table is made: it costs a quarter of a second.
 """
 
+import html
 import io
 import math
 import re
@@ -271,18 +272,26 @@ def write_table(data: "pd.DataFrame", csv_path: str | Path, markdown_path: str |
     for head, column in described(data).items():
         unit = "" if column.unit in PURE else column.unit
         meanings.append([head, unit, TYPES[str(data[head].dtype)], column.meaning])
-    write_text(markdown_path, f"{_markdown(cells, numbers)}\n{_markdown(meanings, [False] * 4)}")
+    write_text(markdown_path, f"{markdown(cells, numbers)}\n{markdown(meanings)}")
 
 
-def _markdown(rows: Sequence[Sequence[str]], numbers: Sequence[bool]) -> str:
-    """A Markdown table; columns of numbers are aligned to the right."""
-    head, *lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows]
-    rule = "|" + "|".join(" ---: " if number else " --- " for number in numbers) + "|\n"
-    return "".join([head, rule, *lines])
+def markdown(rows: Sequence[Sequence[str]], numbers: Sequence[bool] = ()) -> str:
+    """Return rows of text, the first one the heads, as a Markdown table.
+
+    numbers: which columns are aligned to the right
+    """
+    head, *lines = [f"| {' | '.join(map(_escaped, row))} |\n" for row in rows]
+    rules = [" ---: " if number else " --- " for number in numbers or [False] * len(rows[0])]
+    return "".join([head, f"|{'|'.join(rules)}|\n", *lines])
+
+
+def _escaped(cell: str) -> str:
+    """A cell in which nothing acts as Markdown or HTML, in one line."""
+    return " ".join(html.escape(cell.replace("\\", "\\\\").replace("|", "\\|"), quote=False).split())
 
 
 def read_markdown(markdown_path: str | Path) -> list[list[str]]:
     """Read back the cells of a table as readers see them: rows of text, the first one the heads."""
     lines = Path(markdown_path).read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     rows = [re.split(r"(?<!\\) \| ", line.removeprefix("| ").removesuffix(" |")) for line in lines]
-    return [[cell.replace(r"\|", "|") for cell in row] for row in rows[:1] + rows[2:]]
+    return [[re.sub(r"\\([\\|])", r"\1", html.unescape(cell)) for cell in row] for row in rows[:1] + rows[2:]]

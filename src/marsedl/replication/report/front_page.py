@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import CommittedClaim, with_committed
 from marsedl.replication.claims.counts import capital, counted
+from marsedl.replication.claims.names import NUMBERS, STATEMENTS
 from marsedl.replication.claims.printed import load_published
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs.sections import Inputs
@@ -32,7 +33,8 @@ def words() -> dict[str, str]:
 def badge(rows: Iterable[Claim | CommittedClaim]) -> str:
     """Count the verdicts on all papers' claims in one line."""
     of = counted(rows)
-    return f"{of.reproduced} of {of.numbers} printed numbers; {of.hold} of {of.statements} statements"
+    reproduced, hold = of.verdicts[NUMBERS]["reproduced"], of.verdicts[STATEMENTS]["holds"]
+    return f"{reproduced} of {of.numbers} printed numbers; {hold} of {of.statements} statements"
 
 
 def committed_claims(root: Path, slug: str) -> list[CommittedClaim]:

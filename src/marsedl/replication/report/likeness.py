@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from marsedl.replication.claims.claim import COUNTED_VERDICTS, Claim
+from marsedl.replication.claims.claim import Claim
+from marsedl.replication.claims.names import COUNTED_VERDICTS
 from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.pipeline.catalogue import Paper, Product
 from marsedl.replication.report.pictures import printed_places

@@ -4,8 +4,9 @@ import math
 import re
 from collections.abc import Sequence
 
-from marsedl.replication.claims.claim import AGREEING_VERDICTS, Cause, Claim, Doubt, Margin
-from marsedl.replication.claims.numbers import flatten, format_number
+from marsedl.replication.claims.claim import Cause, Claim, Doubt, Margin
+from marsedl.replication.claims.names import AGREEING_VERDICTS
+from marsedl.replication.claims.numbers import flatten, format_number, unit_of
 from marsedl.replication.claims.rows import format_result
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.inputs.choices import in_words
@@ -32,7 +33,7 @@ def shown(row: Claim) -> str:
     verdicts = [verdict for verdict in flatten(result.components).values() if verdict]
     if len(verdicts) > 2:
         return f"{sum(verdict in AGREEING_VERDICTS for verdict in verdicts)} of {len(verdicts)} agree"
-    texts, units = format_result(row, row.reading), [row.unit_of(index) for index in flatten(result.value)]
+    texts, units = format_result(row, row.reading), [unit_of(row, index) for index in flatten(result.value)]
     if differ := len(set(units)) > 1:
         texts = [with_unit(*pair) for pair in zip(texts, units, strict=True)]
     line = ", ".join(texts) if len(texts) <= 2 else f"{texts[0]} ... {texts[-1]}"

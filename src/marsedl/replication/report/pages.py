@@ -11,15 +11,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marsedl.replication.claims.claim import (
-    BY_CONSTRUCTION,
-    COUNTED_VERDICTS,
-    VERDICTS_OF,
-    Claim,
-)
+from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.counts import capital, counted, plural
+from marsedl.replication.claims.names import BY_CONSTRUCTION, COUNTED_VERDICTS, VERDICTS_OF
 from marsedl.replication.claims.numbers import flatten, format_lines, format_number
-from marsedl.replication.claims.rows import format_result, summary, unexplained
+from marsedl.replication.claims.rows import format_result, unexplained
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.inputs.yaml_file import read_yaml
@@ -60,7 +56,6 @@ def build_site(
     shared = {
         "entries": entries,
         "together": together,
-        "total": summary(every),
         "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
         "size": size,
@@ -218,7 +213,6 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
         "at": lambda anchor: f"{paper.slug}{'' if anchor in first else '_evidence'}.html#{anchor}",
         "claims": claims,
         "headline": headline,
-        "summary": summary(rows),
         "counts": counted(rows),
         "rows": {row.id: row for row in rows},
         "errata": {one.id: one for one in paper.errata},

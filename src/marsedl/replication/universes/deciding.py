@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS, Claim, Standing
+from marsedl.replication.claims.claim import Claim, Standing
 from marsedl.replication.claims.counts import capital
+from marsedl.replication.claims.names import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS
 from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.pipeline.catalogue import Erratum

@@ -14,16 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import (
-    AGREEING_VERDICTS,
-    BY_CONSTRUCTION,
-    REFUTED_VERDICTS,
-    Cause,
-    Claim,
-    Result,
-    Standing,
-)
+from marsedl.replication.claims.claim import Cause, Claim, Result, Standing
 from marsedl.replication.claims.committed import committed_verdicts
+from marsedl.replication.claims.moved import Entry, standard_errors
+from marsedl.replication.claims.names import AGREEING_VERDICTS, BY_CONSTRUCTION, REFUTED_VERDICTS
+from marsedl.replication.claims.numbers import unit_of
 from marsedl.replication.claims.printed import PublishedClaim, load_published
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Declaration, verdicts_in_universes, worst
@@ -43,12 +38,12 @@ from marsedl.replication.universes.table import (
     components_of,
     decoded,
     numbers_of,
-    size_of_change,
 )
 
 ROBUST, DEPENDS, NEVER = "robust", "depends", "never"  # labels
 UNDECIDED, FEW, NOT_COMPUTED = "undecided", "too_few", "not_computed"
 TRUE = (*AGREEING_VERDICTS, BY_CONSTRUCTION)  # verdicts of what is true, also if it cannot be otherwise
+NO_VERDICT = "none"  # where a claim has no result
 FEWEST = 20  # space-filling universes that decide a claim; fewer give it no label
 PERMUTATIONS = 200
 LEVEL = 0.95  # of intervals, and of the index that chance alone gives
@@ -151,19 +146,18 @@ class Judged:
     noise: float  # share of the variance over universes that is sampling error
 
 
-def wilson(count: int, of: int) -> Share:
-    """Return a share with its Wilson interval at 95 %."""
+def share(count: int, of: int) -> Share:
+    """Return a share with its Wilson interval."""
+    from scipy.stats import binomtest  # slow to import
+
     if not of:
         return Share(0, 0, math.nan, math.nan)
-    z, p = 1.959963984540054, count / of
-    centre = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of)) / (1 + z * z / of)
-    return Share(count, of, max(centre - half, 0.0), min(centre + half, 1.0))
+    return Share(count, of, *map(float, binomtest(count, of).proportion_ci(LEVEL, method="wilson")))
 
 
 def share_of(those: np.ndarray, among: np.ndarray) -> Share:
-    """Return the share of some among others; both are masks."""
-    return wilson(int((those & among).sum()), int(among.sum()))
+    """Return the share of some among others, with its Wilson interval; both are masks."""
+    return share(int((those & among).sum()), int(among.sum()))
 
 
 class Judge:
@@ -201,8 +195,8 @@ class Judge:
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
         self._spread()
-        self.verdicts = np.full(self.cause.shape, "none", "<U16")  # (universe, claim)
-        self.of_numbers = np.full(self.numbers.shape[1:], "none", "<U16")  # of each component (universe, component)
+        self.verdicts = np.full(self.cause.shape, NO_VERDICT, "<U16")  # (universe, claim)
+        self.of_numbers = np.full(self.numbers.shape[1:], NO_VERDICT, "<U16")  # of each component (universe, component)
         for name, at in self.column.items():
             self._judge(self.published[name], declarations[name], at)
         self.agrees = np.isin(self.verdicts, AGREEING_VERDICTS)  # (universe, claim), as the next four
@@ -254,12 +248,12 @@ class Judge:
             value, error, _ = self.numbers[:, :, places]
             of_numbers = verdicts_in_universes(claim, declared.close, value, error, self.trials[:, at], self.base)
             verdicts = worst(of_numbers)
-            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, "none")
+            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, NO_VERDICT)
         bound = found == BY_CONSTRUCTION
         confirmed = np.isin(verdicts, (*AGREEING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
         verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
-        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, "none")
+        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, NO_VERDICT)
 
     def over(self, table: Universes) -> "Judge":
         """Return what judges another table of the same paper by the same words."""
@@ -367,9 +361,8 @@ class Judge:
         if self.is_statement(claim):
             margin = self.rows[claim].result.margin if claim in self.rows else None
             return margin.unit if margin else ""
-        units, label = self.published[claim].unit.split(", "), self.component[self.component_place(claim)][1]
-        index = next(index for name, index, _ in components_of(self.published[claim]) if name == label)
-        return units[index[0]] if index and len(units) > 1 else self.published[claim].unit
+        label, printed = self.component[self.component_place(claim)][1], self.published[claim]
+        return unit_of(printed, next(index for name, index, _ in components_of(printed) if name == label))
 
     def component_place(self, claim: str) -> int:
         """Return the column of the number that decides a claim in `corrected`.
@@ -448,7 +441,7 @@ class Judge:
         """The effect of a choice's value in a place, from the numbers and verdicts of `corrected` and of this place."""
         missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
         crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
-        size = size_of_change(before, after, self.half(self.component_place(claim)))
+        size = standard_errors(SIGMAS)(Entry(*before, half=self.half(self.component_place(claim))), Entry(*after))
         choice, value, where = varied
         return Effect(
             choice=choice,

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.replication.claims.claim import MEASURED, Claim, Result
+from marsedl.replication.claims.claim import Claim, Result
+from marsedl.replication.claims.moved import Entry, differing, exact, moved
+from marsedl.replication.claims.names import MEASURED
 from marsedl.replication.claims.numbers import flatten, is_number
 from marsedl.replication.claims.printed import PublishedClaim, load_measured, load_published
-from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.claims.verdicts import Evaluation
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.errors import InadmissibleError, InfeasibleError, InputError, MarsedlError, SolverError
@@ -243,19 +244,6 @@ def components_of(claim: PublishedClaim | Claim) -> list[tuple[str, tuple[int, .
     return [("".join(f"[{i + 1}]" for i in at), at, half) for at, half in halves.items()]
 
 
-def size_of_change(before: Triple, after: Triple, half: float) -> float:
-    """Return how large a change is against what noise and rounding could explain; NaN without two numbers.
-
-    That is three standard errors and `half` of the last printed digit; of what has neither, its distance from its
-    limit.
-    """
-    difference = abs(after[0] - before[0])
-    noise = SIGMAS * math.hypot(*np.nan_to_num([before[1], after[1]])) + half or abs(before[0] - before[2])
-    if not math.isfinite(difference) or difference == 0.0:
-        return difference if difference == 0.0 else math.nan
-    return difference / noise if noise > 0.0 else math.inf
-
-
 def tabulated(evaluator: Evaluator, universes: Sequence[Universe], title: str = "") -> Universes:
     """Compute universes and return their table; with a title, every tenth and the last are told."""
     return table_of(evaluator, list(_rows(evaluator, universes, title)))
@@ -347,22 +335,15 @@ def held(path: Path, study: Study, number: int) -> Universe | None:
 
 def changed(large: Universes, small: Universes) -> dict[int, str]:
     """Return by number which universes of the smaller table have other bits in the larger one, and what differs."""
-    found, names = {}, ("claim", "component", "value", "error", "limit", "trials", "cause", "finding")
+    found = {}
     for number in map(int, small.number):
         if number not in large.number:
             found[number] = "is not among them"
             continue
-        assigned = (one.assignment[one.number == number] for one in (large, small))
-        if not np.array_equal(*assigned, equal_nan=True):
-            found[number] = "has other choices"
-            continue
-        first, second = ([getattr(one, name)[one.of == number] for name in names] for one in (large, small))
-        for name, a, b in zip(names, first, second, strict=True):
-            if len(a) != len(b) or not np.array_equal(a, b, equal_nan=a.dtype.kind == "f"):
-                same = (a == b) | ((a != a) & (b != b)) if len(a) == len(b) else [False]
-                place = int(np.argmin(same))
-                found[number] = f"has another {name} of {second[0][place]}{second[1][place]}"
-                break
+        both = moved(_entries(large, number), _entries(small, number), exact)
+        if one := next((one for one in both if one.size > 0.0), None):
+            what = differing(one.before, one.after) if one.is_on_both else "row"
+            found[number] = f"has another {what} of {one.name}"
     return found
 
 
@@ -371,6 +352,17 @@ def require_same(run: str | Path, table: Universes, paper: str) -> None:
     if moved := changed(store.load(run, Universes, paper=paper), table):
         differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
         raise MarsedlError(f"{run} is not what this project computes: {differing}; run 'snakemake multiverse'")
+
+
+def _entries(table: Universes, number: int) -> dict[str, Entry]:
+    """The choices of a universe, and its rows: what each number is, and what was found from how many trials."""
+    assigned, rows = table.assignment[table.number == number][0], np.flatnonzero(table.of == number)
+    entries = {f"choice {name}": Entry(value) for name, value in zip(table.choice, assigned, strict=True)}
+    for at in rows:
+        found = f"{table.cause[at]}, {table.finding[at]}, {table.trials[at]} trials"
+        entry = Entry(table.value[at], table.error[at], table.limit[at], verdict=found)
+        entries[f"{table.claim[at]}{table.component[at]}"] = entry
+    return entries
 
 
 def coded(choices: Choices, universe: Universe) -> list[float]:

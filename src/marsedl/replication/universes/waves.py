@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from marsedl.replication.claims.claim import REFUTED_VERDICTS
+from marsedl.replication.claims.names import REFUTED_VERDICTS
 from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.inputs.choices import Choice
 from marsedl.replication.universes import designs

@@ -1,18 +1,18 @@
 """What moves if a choice, or an input, is another: two universes in memory, and universes by their numbers."""
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import yaml
 
-from marsedl.replication.claims.claim import BY_CONSTRUCTION, Claim, Result
-from marsedl.replication.claims.numbers import flatten
-from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.claim import Claim, Result
+from marsedl.replication.claims.moved import Entry, Moved, largest_first, moved, standard_errors
+from marsedl.replication.claims.names import BY_CONSTRUCTION
+from marsedl.replication.claims.numbers import flatten, unit_of
+from marsedl.replication.claims.thresholds import SIGMAS
 from marsedl.replication.errors import InputError, nearest, shown
 from marsedl.replication.inputs import CORRECTED, PRINTED
 from marsedl.replication.inputs.choices import Choices, source_of_key
@@ -20,7 +20,7 @@ from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper, entry_of, function_of
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, numbered
-from marsedl.replication.universes.judging import Judge
+from marsedl.replication.universes.judging import NO_VERDICT, Judge
 from marsedl.replication.universes.table import (
     RESULT,
     Evaluator,
@@ -28,120 +28,76 @@ from marsedl.replication.universes.table import (
     components_of,
     held,
     numbers_of,
-    size_of_change,
     table_of,
 )
 
-_IN_TEXT = re.compile(r"-?\d[\d.e+-]*")  # a number in the words of a test
-
-
-class Number(NamedTuple):
-    """A number of a claim; `verdict` is its own, of a statement that on the claim, `test` which test it is of."""
-
-    value: float
-    error: float
-    limit: float
-    verdict: str
-    test: str = ""
-
 
 @dataclass(frozen=True)
-class Side:
+class Alternative:
     """One of two that are compared: inputs or choices as they are written, and what the claims give.
 
-    `verdicts` are by claim, `numbers` by claim and component, `failures` sentences by claims without a result.
+    Entries are by claim and component: the verdict on a claim of several numbers has the component "", and each number
+    its own one.
     """
 
     name: str
     inputs: Mapping[str, str]
-    verdicts: Mapping[str, str]
-    numbers: Mapping[tuple[str, str], Number]
+    entries: Mapping[tuple[str, str], Entry]
     figures: Path | None = None
-    failures: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def claims(self) -> set[str]:
+        """The claims that are judged."""
+        return {claim for claim, _ in self.entries}
 
 
-@dataclass(frozen=True)
-class Moved:
-    """A number of a claim on two sides, with the number's own verdicts; `size` is as `size_of_change` gives it.
+def entries_of_reading(claim: Claim, result: Result) -> dict[tuple[str, str], Entry]:
+    """Return what a reading gives for a claim, by claim and component."""
+    found, numbers = {(claim.id, ""): Entry(verdict=result.verdict)}, numbers_of(claim, result)
+    margin = result.margin if claim.is_statement else None
+    verdicts = flatten(result.components) if result.components is not None else {}
+    for label, index, half in components_of(claim):
+        unit = margin.unit if margin else unit_of(claim, index)
+        verdict = verdicts.get(index) or result.verdict
+        triple = numbers.get(label, ())
+        found[claim.id, label] = Entry(*triple, verdict=verdict, unit=unit, half=half, test=result.test)
+    return found
 
-    `same_test` is false if two different tests of a statement decide: then no difference of the numbers means anything.
+
+def entries_of_universe(judge: Judge, number: int) -> dict[tuple[str, str], Entry]:
+    """Return what a universe of a table gives for its claims; of each statement the test that decides it there."""
+    at, found = int(np.flatnonzero(judge.table.number == number)[0]), {}
+    for claim, column in judge.column.items():
+        verdict, printed = str(judge.verdicts[at, column]), judge.published[claim]
+        if verdict == NO_VERDICT:
+            continue
+        found[claim, ""] = Entry(verdict=verdict)
+        if judge.is_statement(claim):
+            place = judge.tests[at, column]
+            if place >= 0:
+                triple, (_, test) = judge.numbers[:, at, place].tolist(), judge.component[place]
+                found[claim, ""] = Entry(*triple, verdict=verdict, test=test)
+            continue
+        for label, index, half in components_of(printed):
+            place = judge.component.index((claim, label))
+            own = verdict if verdict == BY_CONSTRUCTION else str(judge.of_numbers[at, place])
+            triple = judge.numbers[:, at, place].tolist()
+            found[claim, label] = Entry(*triple, verdict=own, unit=unit_of(printed, index), half=half)
+    return found
+
+
+def moved_claims(before: Alternative, after: Alternative) -> list[Moved]:
+    """Return what moves of the claims that both judge: verdicts first, then by what noise and rounding explain.
+
+    Each number has its own verdict. A claim that fails to give a result is told with its sentence.
     """
 
-    claim: str
-    component: str
-    before: float
-    after: float
-    error: float
-    verdict_before: str
-    verdict_after: str
-    size: float
-    limit_before: float = math.nan
-    limit_after: float = math.nan
-    same_test: bool = True
-    sentence: str = ""
+    def is_told(one: Moved) -> bool:
+        # What the last digits do is no move.
+        return one.turned or (one.size > 0.0 and not math.isclose(one.before.value, one.after.value))
 
-    @property
-    def turned(self) -> bool:
-        """Whether the verdict changes."""
-        return self.verdict_before != self.verdict_after
-
-    @property
-    def sigmas(self) -> float:
-        """How many standard errors the two numbers are apart; NaN without any, or if they are of two tests."""
-        return abs(self.after - self.before) / self.error if self.same_test and self.error > 0.0 else math.nan
-
-    @property
-    def counts(self) -> bool:
-        """Whether the verdict changes, or the number by more than its error."""
-        return self.turned or self.size > 1.0
-
-
-def numbers_of_reading(row: Claim, result: Result) -> dict[tuple[str, str], Number]:
-    """Return the numbers of a claim in a reading, by claim and component."""
-    places = {label: at for label, at, _ in components_of(row)}
-    own = flatten(result.components) if result.components is not None else {}
-    test = _IN_TEXT.sub("#", result.margin.measure) if row.is_statement and result.margin else ""
-    return {
-        (row.id, label): Number(*triple, own.get(places[label]) or result.verdict, test)
-        for label, triple in numbers_of(row, result).items()
-    }
-
-
-def side_of_universe(judge: Judge, number: int, name: str, inputs: Mapping[str, str]) -> Side:
-    """Return a universe of a table as a side; of each statement the test that decides it there."""
-    at, numbers = int(np.flatnonzero(judge.table.number == number)[0]), {}
-    verdicts = {claim: str(judge.verdicts[at, column]) for claim, column in judge.column.items()}
-    for place, (claim, label) in enumerate(judge.component):
-        triple, verdict, is_statement = judge.numbers[:, at, place].tolist(), verdicts[claim], judge.is_statement(claim)
-        is_told = not is_statement or place == judge.tests[at, judge.column[claim]]  # of several tests, what decides
-        if not is_told or not math.isfinite(triple[0]):
-            continue
-        own = verdict if is_statement or verdict == BY_CONSTRUCTION else str(judge.of_numbers[at, place])
-        key = (claim, "") if is_statement else (claim, label)
-        numbers[key] = Number(*triple, own, label if is_statement else "")
-    return Side(name, inputs, verdicts, numbers)
-
-
-def moves_of(claim: PublishedClaim, before: Side, after: Side) -> Iterator[Moved]:
-    """Yield all numbers of a claim that both sides judge, by component."""
-    for label, _, half in components_of(claim):
-        old, new = (
-            side.numbers.get((claim.id, label), Number(math.nan, 0.0, math.nan, side.verdicts[claim.id]))
-            for side in (before, after)
-        )
-        same = _of_one_test(old, new)
-        yield Moved(
-            *(claim.id, claim.id + label, old.value, new.value, math.hypot(*np.nan_to_num([old.error, new.error]))),
-            *(old.verdict, new.verdict, size_of_change(old[:3], new[:3], half) if same else math.nan),
-            *(old.limit, new.limit, same),
-        )
-
-
-def _of_one_test(old: Number, new: Number) -> bool:
-    """Whether two numbers are of one test; a table numbers tests, a reading has their words, so limits tell."""
-    if old.test.startswith("test ") == new.test.startswith("test ") or "" in (old.test, new.test):
-        return "" in (old.test, new.test) or old.test == new.test
-    return math.isclose(old.limit, new.limit, rel_tol=1e-6)
+    both = [one for one in moved(before.entries, after.entries, standard_errors(SIGMAS)) if one.is_on_both]
+    return sorted(filter(is_told, both), key=largest_first)
 
 
 def changes_of(texts: Iterable[str], choices: Choices) -> tuple[dict[str, object], dict[str, object]]:
@@ -193,7 +149,7 @@ class WhatIf:
         self.runs = [evaluator.run(one, constrained=False) for one in self.universes]
         self.trials = study.universe(assignment, inputs).trial_counts()
 
-    def sides(self) -> tuple[Side, Side]:
+    def sides(self) -> tuple[Alternative, Alternative]:
         """Compute both, and return what their claims give."""
         pairs = zip(self.universes, self.runs, strict=True)
         rows = [Row(one, self.evaluator.outcomes(run)) for one, run in pairs]
@@ -210,17 +166,18 @@ class WhatIf:
         }
 
 
-def _sides(evaluator: Evaluator, rows: Sequence[Row], names: Sequence[str], inputs: Sequence[Mapping]) -> list[Side]:
+def _sides(
+    evaluator: Evaluator, rows: Sequence[Row], names: Sequence[str], inputs: Sequence[Mapping]
+) -> list[Alternative]:
     """Universes that were computed, the first of them `corrected`, as sides."""
     published = [*evaluator.published.values()]
     judge = Judge(table_of(evaluator, rows), evaluator.study.choices, published, evaluator.claims.declarations)
-    return [
-        replace(
-            side_of_universe(judge, row.universe.number, name, written),
-            failures={claim: one.sentence for claim, one in row.outcomes.items() if one.cause != RESULT},
-        )
-        for row, name, written in zip(rows, names, inputs, strict=False)
-    ]
+    sides = []
+    for row, name, written in zip(rows, names, inputs, strict=True):
+        without = {claim: one for claim, one in row.outcomes.items() if one.cause != RESULT}
+        failed = {(claim, ""): Entry(verdict=NO_VERDICT, said=one.sentence) for claim, one in without.items()}
+        sides.append(Alternative(name, written, failed | entries_of_universe(judge, row.universe.number)))
+    return sides
 
 
 def figure_entry(paper: Paper, stem: str) -> str:
@@ -241,14 +198,13 @@ def found(study: Study, number: int, tables: Sequence[Path]) -> tuple[Universe, 
     return numbered(study.choices, number, study.designs.one_at_a_time, study.designs.at_most), None
 
 
-def judged(evaluator: Evaluator, universe: Universe) -> tuple[Row, Side]:
+def judged(evaluator: Evaluator, universe: Universe) -> tuple[Row, Alternative]:
     """Compute a universe, and return it with what its claims give.
 
     `corrected` is computed too, as its sampling error tells the paper's own.
     """
     universes = {0: Universe(0, ONE_AT_A_TIME, {}), universe.number: universe}
     rows = [evaluator.row(one) for one in universes.values()]
-    values = evaluator.study.choices.complete(rows[-1].universe.assignment)
-    return rows[-1], _sides(evaluator, rows, ("corrected", f"universe {universe.number}")[: len(rows)], [{}, values])[
-        -1
-    ]
+    names = [f"universe {number}" for number in universes]
+    values = [evaluator.study.choices.complete(row.universe.assignment) for row in rows]
+    return rows[-1], _sides(evaluator, rows, names, values)[-1]
