@@ -11,7 +11,7 @@ from marsedl.replication.claims.rows import read_claims, read_evaluations
 from marsedl.replication.claims.verdicts import collect
 from marsedl.replication.claims.writing import claims_of
 from marsedl.replication.pipeline.injection import Arguments
-from marsedl.replication.pipeline.staleness import BENCHMARKS
+from marsedl.replication.pipeline.products import BENCHMARKS
 from marsedl.replication.records import store
 from marsedl.replication.terminal import summarize
 
