@@ -13,13 +13,13 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_278,
-    "src/marsedl/papers": 9_956,
+    "src/marsedl": 25_301,
+    "src/marsedl/papers": 9_963,  # the joining of chunks takes times and names from inputs, not from chunks
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
     "src/marsedl/montecarlo": 1_447,
     "src/marsedl/fly": 912,
-    "src/marsedl/replication": 6_203,  # the explorer of universes took the place of 45 statements of papers
+    "src/marsedl/replication": 6_219,  # the list of products stands apart from what is old, which imports it
 }
 LINES = 38_692  # of tests
 MEAN_LINES = {
