@@ -28,7 +28,7 @@ MEAN_LINES = {
     "tables.py": 26.5,
     "figures.py": 21.6,
 }  # of a claim (errors of the value), a table, a figure
-JOBS = 208  # of `snakemake all`
+JOBS = 193  # of `snakemake all` at smoke size
 
 
 def statements(path):

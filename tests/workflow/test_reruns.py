@@ -368,21 +368,19 @@ def test_a_copy_of_a_build_has_nothing_to_do(copied):
 
 def test_a_plan_writes_nothing_and_needs_no_records_of_snakemake(small):
     """Twice the same jobs of an edit, from the recipes of what was built; what Snakemake itself keeps is its own."""
+
+    def files():
+        paths = (path for path in small.folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts)
+        return {path: path.stat().st_mtime_ns for path in paths}
+
     small.edit("configs/hypersonic_glide.yaml", "initial_velocity: {value: -20.0", "initial_velocity: {value: -21.0")
     small.plan("hypersonic_glide")  # which keeps the fingerprints of the source
-    before = everything(small.folder)
+    before = files()
     with_records = small.plan("hypersonic_glide")
     assert with_records.artifacts >= {"corrected/gains", "corrected/montecarlo.closed_loop"}
     shutil.rmtree(small.build / ".snakemake")
     assert small.plan("hypersonic_glide").outputs == with_records.outputs
-    assert everything(small.folder) == before
-
-
-def everything(folder: Path) -> dict[Path, int]:
-    """All files but for those of Snakemake, with the times of their last change."""
-    return {
-        path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts
-    }
+    assert files() == before
 
 
 def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(copied):

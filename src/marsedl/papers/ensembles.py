@@ -56,8 +56,8 @@ class Chunk:
 
 
 @record
-class Flights:
-    """What all ensembles have in common; units and dimensions are the names of arguments of `along`."""
+class Moments:
+    """All trials of one Monte Carlo case; units and dimensions are the names of arguments of `along`."""
 
     maximum_over_trials: np.ndarray = quantity(
         "observed", ("time", "observed"), "largest values over the trials", allow_nan=True
@@ -71,12 +71,6 @@ class Flights:
     kept_observed: np.ndarray = quantity(
         "observed", ("kept", "time", "observed"), "observed of the kept trials", allow_nan=True
     )
-
-
-@record
-class Moments(Flights):
-    """Flights with the moments of all trials."""
-
     count: int = quantity("1", (), "trials in the moments")
     excluded: int = quantity("1", (), "trials left out of them because they are not finite")
     mean: np.ndarray = quantity("state", ("time", "state"), "mean state", allow_nan=True)
@@ -84,17 +78,11 @@ class Moments(Flights):
 
 
 @record
-class Counted(Flights):
-    """Flights with a histogram over time."""
+class Ensemble(Moments):
+    """The same with a histogram and the trials over time."""
 
     histogram: np.ndarray = quantity("1", ("time", "counted", "bins"), "trials by what is observed", "int64")
     histogram_edges: np.ndarray = quantity("counted", ("counted", "edges"), "edges of the inner bins")
-
-
-@record
-class Ensemble(Counted, Moments):
-    """All trials of one Monte Carlo case."""
-
     flying: np.ndarray = quantity("1", ("time",), "trials still flying, over which moments are taken", "int64")
     observed_mean: np.ndarray = quantity("observed", ("time", "observed"), "mean of the observed", allow_nan=True)
 

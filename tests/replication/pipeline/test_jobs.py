@@ -38,9 +38,6 @@ class Named(list):
         super().__init__(one for item in items.values() for one in (item if isinstance(item, list) else [item]))
         vars(self).update(items)
 
-    def keys(self):
-        return vars(self).keys()
-
     def items(self):
         return vars(self).items()
 

@@ -55,18 +55,16 @@ def declared(paper: Paper, model: type[Inputs], digests: Fingerprints) -> Paper:
         return taken_by(entry, functions[entry]["parameters"], model, entries, digests)
 
     def stage_of(name: str, of: tuple[str, ...]) -> Stage:
-        settings, inputs, needs = {}, set(), {}
         for entry in of:
             if unread := functions[entry]["unread"].get(STAGE):
                 raise InputError(
                     f"{entry}: write {', '.join(unread)} of 'stage' as a literal: nothing is imported to read it"
                 )
-            takes = taken_of(entry)
-            inputs |= {*takes.inputs}
-            needs |= dict.fromkeys(takes.needs)
-            settings |= functions[entry]["decorators"][STAGE]
-        summary = functions[of[0]]["summary"] if name != FLIGHTS else "Fly the trials of a Monte Carlo case"
-        return Stage(of, tuple(sorted(inputs)), tuple(needs), summary.rstrip("."), **settings)
+        takes, first = [taken_of(entry) for entry in of], functions[of[0]]
+        inputs = {name for one in takes for name in one.inputs}
+        needs = dict.fromkeys(need for one in takes for need in one.needs)
+        meaning = "Fly the trials of a Monte Carlo case" if name == FLIGHTS else first["summary"].rstrip(".")
+        return Stage(of, tuple(sorted(inputs)), tuple(needs), meaning, **first["decorators"][STAGE])
 
     def products_of(kind: str) -> dict[str, Product]:
         products = {}
