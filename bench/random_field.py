@@ -9,7 +9,7 @@ from measuring import cpu_seconds, designed, ensembles_seconds, inputs_of, inter
 
 from marsedl.methods.covariance_steering.block_program import solve
 from marsedl.papers.random_field import PAPER, gains, linearization, nominal
-from marsedl.papers.random_field.inputs import MODEL
+from marsedl.papers.random_field.inputs import Inputs
 
 FIGURE = "fig12"
 ALL_TRIALS = 100_000  # under each law
@@ -41,4 +41,4 @@ def measure(row):
     row("nominal, linear model and laws of three iterations, compiled", design, "CPU s")
     compare_forms(row, first_program(paper.record("nominal"), paper.record("linearization").partition))
     title = f"{ALL_TRIALS:,} trials under each of {len(paper.record('gains').control)} laws, statistics included"
-    row(title, ensembles_seconds(paper, MODEL.CASES, ALL_TRIALS), "CPU s")
+    row(title, ensembles_seconds(paper, Inputs.CASES, ALL_TRIALS), "CPU s")

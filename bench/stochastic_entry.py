@@ -6,7 +6,7 @@ import numpy as np
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.lanes import LANES
 from marsedl.papers.stochastic_entry import PAPER, dispersions, flight, gains, montecarlo, records
-from marsedl.papers.stochastic_entry.inputs import MODEL
+from marsedl.papers.stochastic_entry.inputs import Inputs
 
 FIGURE = "fig12"
 TRIALS = 1000  # the paper's
@@ -65,5 +65,5 @@ def measure(row):
         compare(row, made, case)
     posed, options = problem(made, CASES[0], SCALING_TRIALS)
     measuring.scaling(row, lambda: flight.fly(*posed, **options))
-    seconds = measuring.ensembles_seconds(made, MODEL.CASES, ALL_TRIALS)
+    seconds = measuring.ensembles_seconds(made, Inputs.CASES, ALL_TRIALS)
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)

@@ -276,7 +276,7 @@ def funnels():
     """The funnels paper's stages; samples, which take a third of a second to choose, are chosen once."""
     with pytest.MonkeyPatch.context() as patch:
         chosen = cache(well_chosen_design)
-        for name in ("funnel", "programs", "proven", "dubins"):
+        for name in ("funnel", "dubins", "beyond.programs", "beyond.proven", "beyond.dubins_study"):
             patch.setattr(f"marsedl.papers.funnels.{name}.well_chosen_design", chosen)
         yield Pipeline("funnels")
 
