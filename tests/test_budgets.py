@@ -21,7 +21,7 @@ STATEMENTS = {
     "src/marsedl/fly": 912,
     "src/marsedl/replication": 6_203,  # the explorer of universes took the place of 45 statements of papers
 }
-LINES = 35_952  # of tests
+LINES = 35_957  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
