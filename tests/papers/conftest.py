@@ -219,12 +219,17 @@ class Pipeline:
             **others,
         )
 
-    def turned(self, artifacts, evaluated, **further):
-        """What turns every counted claim of `corrected`, None if nothing does; evaluated: its claims from artifacts."""
+    def turned(self, artifacts, evaluated, targets=None, **further):
+        """What turns every counted claim of `corrected`, None if nothing does; evaluated: its claims from artifacts.
+
+        targets: what counterexamples change; unless given, all are tried.
+        """
         published, claims = published_of(self.paper.slug), claims_of(self.paper.slug)
         rows = []
         for name, claim in published.items():
-            if claim.kind in EVALUATED and evaluated[name] is not None:
+            change = claims.declarations[name].counterexample if name in claims.declarations else None
+            tried = targets is None or (change and change.target.partition(".")[0] in targets)
+            if claim.kind in EVALUATED and evaluated[name] is not None and tried:
                 verdict = judge(claim, evaluated[name], claims.declarations[name]).verdict
                 rows.append(SimpleNamespace(id=name, kind=claim.kind, verdict=verdict, readings={}))
         given = Arguments(self.inputs("corrected").values, lambda name, kind: artifacts.get(name))

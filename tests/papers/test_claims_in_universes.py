@@ -74,9 +74,10 @@ def evaluator(slug):
 
 @cache
 def run_of(slug, reading):
+    """The run of a reading with few trials, without the studies of `corrected`, as a universe has it."""
     of = evaluator(slug)
-    values = of.study.readings[reading].inputs.plain() | FEW[slug]
-    return of._run(replace(of.study.readings[reading], inputs=input_model(slug).model_validate(by_section(values))))
+    inputs = input_model(slug).model_validate(by_section(of.study.readings[reading].inputs.plain() | FEW[slug]))
+    return of._run(replace(of.study.readings[reading], name="few", inputs=inputs))
 
 
 def verdicts(slug, reading, change):

@@ -156,7 +156,7 @@ def unlike_identity(linearization):
 
 def test_every_counted_claim_is_turned_by_a_small_change(entry, evaluations):
     turned = entry.turned(entry.artifacts("corrected"), evaluations["corrected"])
-    assert len(turned) > 50 and not [name for name, change in turned.items() if change is None]
+    assert len(turned) > 40 and not [name for name, change in turned.items() if change is None]
 
 
 @pytest.mark.parametrize("name", ["lofting_captured", "fig9_lc_worst_gamma", "crossrange_nulled"])
