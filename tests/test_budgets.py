@@ -13,15 +13,15 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_278,
+    "src/marsedl": 25_455,
     "src/marsedl/papers": 9_956,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
-    "src/marsedl/montecarlo": 1_447,
-    "src/marsedl/fly": 912,
+    "src/marsedl/montecarlo": 1_608,  # a law is compiled alone, so that a new one takes a second
+    "src/marsedl/fly": 930,
     "src/marsedl/replication": 6_203,  # the explorer of universes took the place of 45 statements of papers
 }
-LINES = 38_692  # of tests
+LINES = 38_879  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
