@@ -6,8 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from numba import njit
+from numba.core import event
 
 from marsedl.fly import Below, GainTable, Normal, fly
+from marsedl.fly.campaign import _told_of_compiling
 from marsedl.montecarlo.flights import Flight, Nothing, model
 from marsedl.montecarlo.flights.addressed import is_addressed
 
@@ -130,3 +133,29 @@ def test_a_law_that_cannot_be_compiled_is_told_with_its_line():
     line = bends.__code__.co_firstlineno + 1
     with pytest.raises(TypeError, match=rf"numba cannot compile .*test_addressed.py, line {line}: "):
         fly(PROBE, law=bends, **DROP)
+
+
+def test_flights_in_python_are_the_compiled_ones_and_compile_nothing():
+    def flown(trials, **how):
+        return fly(PROBE, law=remembers, history=5.0, seed=3, **DROP | {"trials": trials}, **how)
+
+    compiled_flights = flown(5)
+    model._COMPILED.clear()
+    flights = flown(2, compiled=False).extended(5)
+    assert flights.replay(1).final == compiled_flights.replay(1, in_python=True).final
+    assert not model._COMPILED
+    for name in ("numbers", "outcome", "histories"):
+        np.testing.assert_array_equal(getattr(flights, name), getattr(compiled_flights, name))
+    with pytest.raises(ValueError, match=r"flights in Python \(compiled=False\) take no processes"):
+        flown(2, compiled=False, processes=2)
+
+
+def test_who_waits_for_the_flight_of_a_vehicle_is_told(capsys):
+    def fly_0123():
+        pass
+
+    for name, said in (("fly_0123", 1), ("law_0123", 0)):
+        fly_0123.__name__ = name
+        with _told_of_compiling(True), event.trigger_event("numba:compile", {"dispatcher": njit(fly_0123)}):
+            pass
+        assert capsys.readouterr().err.count("compiling the flight of this vehicle") == said
