@@ -13,16 +13,17 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_296,  # 25 of them check inputs for all papers, in sections
-    "src/marsedl/papers": 9_931,
+    "src/marsedl": 25_616,
+    "src/marsedl/papers": 9_936,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
-    "src/marsedl/montecarlo": 1_447,
-    "src/marsedl/fly": 912,
-    # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed.
-    "src/marsedl/replication": 6_223,
+    "src/marsedl/montecarlo": 1_608,  # a law is compiled alone, so that a new one takes a second
+    "src/marsedl/fly": 931,
+    # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
+    # claims are judged again from artifacts, and ensembles compared state by state.
+    "src/marsedl/replication": 6_340,
 }
-LINES = 35_978  # of tests
+LINES = 36_305  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

@@ -56,6 +56,7 @@ import multiprocessing
 from typing import NamedTuple
 
 from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights.model import _COMPILED
 
 from helper import slope
 
@@ -73,7 +74,7 @@ FLIGHT = Flight(rates)
 
 def fly(start):
     x = FLIGHT.fly((), periods(1.0, 1.0, 1), State(start)).final_state[0, 0]
-    (kernel,) = FLIGHT._kernels.values()
+    (kernel,) = _COMPILED.values()
     return x.hex(), sum(kernel.stats.cache_misses.values()), sum(kernel.stats.cache_hits.values())
 
 
@@ -125,6 +126,7 @@ import numpy as np
 
 import numba_gains
 from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights.model import _COMPILED
 from marsedl.montecarlo.integrators import euler_maruyama
 
 FACTOR, TABLE, velocity = 1.0, np.array([1.0, 2.0]), np.arange(3.0)
@@ -178,7 +180,7 @@ FLIGHT = Flight(rates, integrator=euler_maruyama)
 def show():
     flown = FLIGHT.fly((), periods(1.0, 1.0, 1), State(1.0)).final_state[0, 0]
     in_python = FLIGHT.fly_in_python((), periods(1.0, 1.0, 1), State(1.0)).final_state[0, 0]
-    compiled = sum(sum(kernel.stats.cache_misses.values()) for kernel in FLIGHT._kernels.values())
+    compiled = sum(sum(kernel.stats.cache_misses.values()) for kernel in _COMPILED.values())
     print(flown, in_python, compiled)
 
 

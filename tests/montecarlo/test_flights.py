@@ -16,8 +16,19 @@ from hypothesis import strategies as st
 from numba import njit
 
 from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights.addressed import words_of
 from marsedl.montecarlo.flights.binding import digest
-from marsedl.montecarlo.flights.columns import borrowed, column, dresser, flat, getter, putter, shape_of
+from marsedl.montecarlo.flights.columns import (
+    borrowed,
+    column,
+    dresser,
+    flat,
+    getter,
+    putter,
+    reader,
+    shape_of,
+    types_of,
+)
 from marsedl.montecarlo.flights.diagnosis import scalar_loops
 from marsedl.montecarlo.integrators import euler_maruyama, semi_implicit_euler
 from marsedl.montecarlo.lanes import LANES, lane_array
@@ -373,7 +384,7 @@ def test_bad_starts_are_refused_with_field_and_trial():
 
 @pytest.mark.parametrize(("guide", "slow"), [(looping, [looping]), (steady, [])])
 def test_a_guide_with_a_loop_is_told_to_be_slow(guide, slow):
-    assert scalar_loops(Flight(steered, sense=speed, guide=guide), (), (), State) == slow
+    assert scalar_loops(Flight(steered, sense=speed, guide=guide), ["rates", "sense", "guide"], (), (), State) == slow
 
 
 # ---- what rests on the inside of numba -------------------------------------------------------------------------------
@@ -403,6 +414,24 @@ def test_each_intrinsic_moves_the_numbers_that_it_should():
         return part.sum(), len(part), p.gravity, p.table.sum()
 
     assert sums(table, flat(PLANET)) == (LANES + 6.0, 2, 3.7, PLANET.table.sum())
+    values = (
+        2.5,
+        -3,
+        True,
+        np.float32(0.1),
+        np.uint64(2**63),
+        np.arange(6.0).reshape(2, 3),
+        np.array(7),
+        np.arange(2, dtype=np.int8),
+    )
+    read = reader(types_of(values))
+
+    @njit
+    def read_all(words):
+        return read(words)
+
+    for found, value in zip(read_all(words_of(flat(values))), values, strict=True):
+        np.testing.assert_array_equal(found, value)
 
 
 def test_a_kernel_is_named_by_where_each_constant_and_function_stands():

@@ -44,6 +44,7 @@ def fly(
     seed=0,
     processes=1,
     progress=None,
+    compiled=True,
 ) -> Flights:
     """Fly trials of a vehicle, each with its own start, vehicle, air and noise.
 
@@ -67,7 +68,9 @@ def fly(
         trials: how many. seed: of all random numbers, a whole number from 0 to 2**63 - 1.
         processes: started by spawn; each flies in its share of the threads. A script then needs
             `if __name__ == "__main__":`.
-        progress: whether to show how much is flown; by default in a terminal.
+        progress: whether to show what is compiled and how much is flown; by default in a terminal.
+        compiled: False flies a few trials at once as the functions are written, with the same bits, many times slower:
+            nothing is compiled but the engine's elementary functions, `print` and debuggers work in the law.
 
     Returns:
         `Flights`.
@@ -78,4 +81,4 @@ def fly(
         TypeError: for a function that numba cannot compile.
     """
     campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed)
-    return Flights.flown(campaign, trials, processes, progress)
+    return Flights.flown(campaign, trials, processes, progress, compiled)

@@ -6,6 +6,7 @@ import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from traceback import walk_stack
@@ -137,9 +138,9 @@ class Campaign:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
         return self.flight().fly(*arguments, **options)
 
-    def look_at_first_period(self, trial):
+    def look_at_first_period(self, trial, compiles, progress):
         """Fly a trial's first period, in Python at first: refuse a law that returns no command, or one in degrees, or
-        is another law compiled. Warns of commands that are not finite.
+        is another law compiled. Warns of commands that are not finite. Says if the flight has to be compiled.
         """
         self.flight().renew()
         parts = self.flight().parts
@@ -161,7 +162,10 @@ class Campaign:
         laws.check_angles(said, names, python, self.model.units)
         if not np.isfinite(python).all():
             warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
-        compiled = commanded(in_python=False)
+        if not compiles:
+            return
+        with _told_of_compiling(progress):
+            compiled = commanded(in_python=False)
         require(
             np.allclose(compiled, python, rtol=1e-3, atol=1e-9, equal_nan=True),
             f"{said} in Python, compiled {listed(compiled)}: compiled integers are of 64 bits, and their negative "
@@ -187,22 +191,24 @@ class Campaign:
         """Final numbers by name."""
         return dict(zip(self.flight().parts["final"]._fields, numbers, strict=True))
 
-    def reduced(self, trials):
-        """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials."""
-        flown = self.fly(trials, self.history)
+    def reduced(self, trials, in_python=False):
+        """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
+        flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
         return flown.final_state, self.outcomes(flown, trials), history
 
-    def fly_all(self, first, last, processes, progress):
+    def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
+        require(compiled or processes == 1, "flights in Python (compiled=False) take no processes: leave one out")
         pickled = _for_processes(self) if processes > 1 else None
-        size = CHUNK if processes == 1 else min(CHUNK, -(-(last - first) // processes))
+        size = min(CHUNK, -(-(last - first) // processes)) if compiled else 1
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
         for chunk in chunks:
             self.drawn(chunk)  # refuses what cannot fly before anything flies
-        self.look_at_first_period(first)
+        self.look_at_first_period(first, compiled, progress)
         if processes == 1:
-            parts = _told(map(self.reduced, chunks), last - first, progress)
+            flown = (self.reduced(chunk, not compiled) for chunk in chunks)
+            parts = _told(flown, last - first, progress)
         else:
             with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
                 jobs = [(pickled, chunk, processes) for chunk in chunks]
@@ -210,6 +216,33 @@ class Campaign:
         final, outcome, history = zip(*parts, strict=True)
         whole = None if history[0] is None else np.concatenate(history, axis=-1)
         return np.concatenate(final, axis=-1), np.concatenate(outcome), whole
+
+
+@contextmanager
+def _told_of_compiling(shown):
+    """On the error stream a line says what is waited for, if a vehicle's flight is compiled."""
+    from numba.core import event
+
+    class Announcement(event.Listener):
+        def on_start(self, event):
+            if event.data["dispatcher"].py_func.__name__.startswith("fly_") and _is_shown(shown):
+                print(
+                    "compiling the flight of this vehicle, about a quarter of a minute; other laws share it, and later "
+                    "runs load it",
+                    file=sys.stderr,
+                    flush=True,
+                )
+
+        def on_end(self, event):
+            pass
+
+    with event.install_listener("numba:compile", Announcement()):
+        yield
+
+
+def _is_shown(shown):
+    """Whether lines about progress are written: as is said, or in a terminal."""
+    return sys.stderr.isatty() if shown is None else shown
 
 
 def _fly_chunk(job):
@@ -262,7 +295,7 @@ def _told(parts, total, shown):
     for part in parts:
         done.append(part)
         flown, passed = flown + part[1].size, time.monotonic() - began
-        if passed > 2.0 and (sys.stderr.isatty() if shown is None else shown):
+        if passed > 2.0 and _is_shown(shown):
             left = passed / flown * (total - flown)
             print(f"\r{flown:,} of {total:,} flights, {left:.0f} s left ", end="", file=sys.stderr, flush=True)
             written = True

@@ -61,7 +61,7 @@ class Flights:
     numbers: np.ndarray  # (quantities, trials)
     outcome: np.ndarray  # (trials,), names
     histories: np.ndarray | None  # (times, quantities, trials)
-    how: tuple  # processes and progress, for further ones
+    how: tuple  # processes, progress and whether compiled, for further ones
 
     @classmethod
     def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
@@ -271,7 +271,7 @@ class Flights:
 
         Args:
             trial: its number. in_python: whether the functions fly as they are written, so that `print` and debuggers
-                work in them; the bits are the same.
+                work in them; the bits are the same. Flights that were not compiled fly so.
 
         Raises:
             ValueError: for a number that is no trial's.
@@ -284,7 +284,7 @@ class Flights:
         )
         campaign, trial = self.campaign, int(trial)
         step = campaign.period / campaign.substeps
-        flown = campaign.fly(range(trial, trial + 1), step, in_python)
+        flown = campaign.fly(range(trial, trial + 1), step, in_python or not self.how[-1])
         length, parts = int(flown.length[0]), campaign.flight().parts
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])

@@ -304,8 +304,8 @@ def _codes(code):
             yield from _codes(constant)
 
 
-def named_kernel(outer, bound, key, module):
-    """Compile `outer` lazily, and cached, under a name that ends in `key`, with its global `_fly_group` bound.
+def named_kernel(outer, bound, name, module, **options):
+    """Compile `outer` lazily, and cached, under a name, with its global `_bound` bound; options: numba's.
 
     Only this outermost function is cached. What is bound stands among its globals, which numba's key does not hold, so
     the name must tell all that is compiled: see `digest`. The code says that it lies in this file, as numba drops what
@@ -315,9 +315,8 @@ def named_kernel(outer, bound, key, module):
 
     from marsedl.montecarlo.lanes import LANES
 
-    name = f"fly_{key}"
     code = outer.__code__.replace(co_name=name, co_qualname=name, co_filename=__file__, co_firstlineno=1)
-    space = {"_fly_group": bound, "np": np, "LANES": LANES, "__name__": module}
+    space = {"_bound": bound, "np": np, "LANES": LANES, "__name__": module}
     function = python_types.FunctionType(code, space, name)
     function.__module__, function.__qualname__ = module, name
-    return njit(nogil=True, cache=True, error_model="numpy")(function)
+    return njit(nogil=True, cache=True, error_model="numpy", **options)(function)

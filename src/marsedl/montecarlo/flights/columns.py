@@ -9,10 +9,11 @@ Everything here rests on numba's intrinsics and on `numba.np.arrayobj`: docs/com
 
 import inspect
 from functools import cache
+from itertools import count
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import typeof, types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
@@ -149,6 +150,48 @@ def flat(value):
 def shape_of(value):
     """The classes of nested tuples: what `dresser` needs to name the plain tuple of `flat` again."""
     return (type(value), tuple(map(shape_of, value))) if isinstance(value, tuple) else None
+
+
+def reader(kinds):
+    """Compiled `read(words)`: the plain tuple of numbers and arrays of these types that `addressed.words_of` wrote."""
+    result = types.Tuple(kinds)
+
+    @intrinsic
+    def read(typing_context, words):
+        def generate(context, builder, signature, arguments):
+            data, places = arrayobj.make_array(words)(context, builder, arguments[0]).data, count()
+
+            def word():
+                return builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), next(places))]))
+
+            def array_of(kind):
+                array, item = arrayobj.make_array(kind)(context, builder), context.get_data_type(kind.dtype)
+                start, shape = builder.inttoptr(word(), item.as_pointer()), [word() for _ in range(kind.ndim)]
+                itemsize = ir.Constant(ir.IntType(64), context.get_abi_sizeof(item))
+                strides = [itemsize] * min(kind.ndim, 1)
+                for length in reversed(shape[1:]):
+                    strides.insert(0, builder.mul(strides[0], length))
+                sizes = {"shape": shape, "strides": strides, "itemsize": itemsize}
+                arrayobj.populate_array(array, data=start, meminfo=None, **sizes)
+                return array._getvalue()
+
+            def leaf(kind):
+                if isinstance(kind, types.Array):
+                    return array_of(kind)
+                if isinstance(kind, types.Float):
+                    return context.cast(builder, builder.bitcast(word(), ir.DoubleType()), types.float64, kind)
+                return context.cast(builder, word(), types.int64, kind)
+
+            return context.make_tuple(builder, result, [leaf(kind) for kind in kinds])
+
+        return result(words), generate
+
+    return read
+
+
+def types_of(value):
+    """Numba's types of the numbers and arrays of nested tuples."""
+    return tuple(map(typeof, flat(value)))
 
 
 def dresser(shape):

@@ -2,19 +2,28 @@
 
 import re
 import warnings
+from contextlib import contextmanager
 
-import numpy as np
-from numba import njit
+from numba import njit, types
 from numba.core import errors
 
 from marsedl.montecarlo.flights.binding import OFFERED, WRITTEN, asked, compiled
-from marsedl.montecarlo.flights.columns import dresser, flat, shape_of
+from marsedl.montecarlo.flights.columns import dresser, shape_of, types_of
 from marsedl.montecarlo.lanes import LANES, lane_array
 from marsedl.words import described
 
 COMPILER_ERRORS = (errors.NumbaError, errors.UnsupportedBytecodeError)
 _LIBRARY = r"\$(?:sin|cos|tan|asin|acos|atan2?|sinh|cosh|tanh|exp|expm1|log|log1p|pow|hypot|fmod)\b"  # called
 _ARITHMETIC = r"\bv?(?:add|sub|mul|div|sqrt|min|max|fn?m\w+)"
+
+
+@contextmanager
+def explaining(flight, arguments, options):
+    """Raise what numba cannot compile as `explained` says."""
+    try:
+        yield
+    except COMPILER_ERRORS as error:
+        raise explained(error, flight, arguments, options) from None
 
 
 def explained(error, flight, arguments, options):
@@ -41,9 +50,9 @@ def explained(error, flight, arguments, options):
     )
 
 
-def warn_of_scalar_loops(flight, p, law, vehicle_class):
+def warn_of_scalar_loops(flight, roles, p, law, vehicle_class):
     """Warn of each function whose loop over trials is not vector code, as flights are several times slower then."""
-    for function in scalar_loops(flight, p, law, vehicle_class):
+    for function in scalar_loops(flight, roles, p, law, vehicle_class):
         warnings.warn(
             f"{described(function)}: the loop over trials did not become vector code, so flights are slower; choose by "
             "`a if condition else b`, and leave loops over tables to look_up or consult",
@@ -51,24 +60,30 @@ def warn_of_scalar_loops(flight, p, law, vehicle_class):
         )
 
 
-def scalar_loops(flight, p, law, vehicle_class):
-    """Functions among rates, sense and guide whose compiled loop over lanes is not vector code.
+def scalar_loops(flight, roles, p, law, vehicle_class):
+    """Functions of these roles, rates, sense or guide, whose compiled loop over lanes is not vector code.
 
     A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic.
     """
     kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options["noise"]}
-    roles = [(role, flight.functions[role]) for role in ("rates", "sense")]
-    roles += [("guide", function) for function in flight.guides]
+    functions = [(role, flight.functions[role]) for role in ("rates", "sense")]
+    functions += [("guide", function) for function in flight.guides]
     found = []
-    for role, function in roles:
-        if function and "past" not in asked(function, role):  # loops over its own past
+    for role, function in functions:
+        if role in roles and function and "past" not in asked(function, role):  # loops over its own past
             probe = _loop_alone(role, function, kinds, shape_of(p), shape_of(law))
-            probe(flat(p) or (0.0,), flat(law) or (0.0,), np.ones((64, LANES)), np.empty((64, LANES)))
-            code = next(iter(probe.inspect_asm().values()))
-            packed, scalar = (len(re.findall(_ARITHMETIC + kind, code)) for kind in (r"pd\b", r"sd\b"))
-            if scalar > 3 * packed or re.search(_LIBRARY, code):
+            table = types.Array(types.float64, 2, "C")
+            probe.compile((*(types.Tuple(types_of(value) or (types.float64,)) for value in (p, law)), table, table))
+            if is_scalar(probe):
                 found.append(function)
     return found
+
+
+def is_scalar(function):
+    """Whether what numba just compiled has more scalar arithmetic than vector code has, or calls a library's."""
+    code = next(iter(function.inspect_asm().values()))
+    packed, scalar = (len(re.findall(_ARITHMETIC + kind, code)) for kind in (r"pd\b", r"sd\b"))
+    return scalar > 3 * packed or re.search(_LIBRARY, code) is not None
 
 
 def _loop_alone(role, function, kinds, p_shape, law_shape):

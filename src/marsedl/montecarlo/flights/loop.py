@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from marsedl.montecarlo.flights.addressed import call_at
 from marsedl.montecarlo.flights.binding import compiled
 from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter
 from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
@@ -17,7 +18,7 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
     air, past = np.empty((nodes, LANES)), np.empty((remembered, LANES))
     for number in range(groups[0], groups[1]):
         here = (seed, first_trial + number * LANES, increments, first_increment, noise_stream, air_stream)
-        _fly_group(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
+        _bound(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
 def narrowed(bracket, part, excess):
@@ -34,11 +35,14 @@ def narrowed(bracket, part, excess):
 _narrowed = inline_called_njit(narrowed)
 
 
-def group_flight(model, key, p_shape, law_shape, vehicle_class):
-    """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters, law and vehicle being of these shapes.
+def group_flight(model, key, p_shape, law_shape, kinds, by_address):
+    """Compile (lazily) the flight of LANES trials of a `Flight`, its parameters and law being of these shapes.
 
     Loops over lanes call one function of the model each, so that they become vector code; look-ups and `consult` have
     loops of their own. Conditions of the model, such as `ends`, are constants to the compiler.
+
+    kinds: named tuples of its parts, by name. by_address: whether its law is compiled alone, see `addressed`; then
+    `law` is the address, and the words of the parameters of law and model.
 
     key: digest of all that is compiled. What is called carries it in its name: kernels that other processes compiled
     and cached meet in one, where of two symbols of the same name the first serves both.
@@ -49,7 +53,6 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         return called_njit(function)
 
     end_tolerance, watch_steps = model.options["end_tolerance"], model.options["watch_steps"]
-    kinds = {**model.parts, "vehicle": vehicle_class, "noise": model.options["noise"]}
 
     @inline_called_njit
     def absent(*unused):
@@ -62,19 +65,20 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
     rates, rates_of_one = loop("rates"), loop("rates", single=True)
     look_up, look_up_one = loop("look_up"), loop("look_up", single=True)
     ended, ended_one = loop("ended"), loop("ended", single=True)
-    sense, consult, phase, interrupts = loop("sense"), loop("consult"), loop("phase"), loop("interrupts")
+    sense, phase, interrupts = loop("sense"), loop("phase"), loop("interrupts")
+    consult = absent if by_address else loop("consult")
     watch, store, observe, finish = loop("watch", masked=True), loop("store"), loop("observe"), loop("finish")
-    guides = tuple(compiled(function, "guide", kinds, masked=True) for function in model.guides)
+    guides = () if by_address else tuple(compiled(function, "guide", kinds, masked=True) for function in model.guides)
     vary = loop("vary")
     get_drawn, put_drawn = getter(kinds["drawn"]), putter(kinds["drawn"], model.functions["vary"] or absent.py_func)
     ends, varies, watches, interrupted_by = (
         model.functions[role] is not None for role in ("ended", "vary", "watch", "interrupts")
     )
-    phases, finds_root = len(guides), model.classes.get("ended") is float
-    STATES, FOUND, SENSED, ADVICE, COMMANDS, MEMORY, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
+    phases, finds_root = len(model.guides), model.classes.get("ended") is float
+    STATES, FOUND, SENSED, ADVICE, COMMANDS, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
         len(kinds[name]._fields)
         for name in (
-            *("state", "found", "sensed", "advice", "command", "memory", "vehicle", "noise", "drawn", "watched"),
+            *("state", "found", "sensed", "advice", "command", "vehicle", "noise", "drawn", "watched"),
             *("stored", "observed", "final"),
         )
     )
@@ -171,7 +175,13 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
 
         return steer
 
-    steer = steering(0)
+    @inline_called_njit
+    def steer_at(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns):
+        (half_index, time, cycle, share), (address, law_words, p_words) = place, law
+        parts = (state, found, sensed, memory, vehicle, past, command, chosen)
+        call_at(address, (half_index, cycle, time, share, *parts, law_words, p_words))
+
+    steer = steer_at if by_address else steering(0)
 
     @named_njit
     def fly_group(
@@ -185,7 +195,8 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
         work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
         found, sensed, advice, command = lane_array(FOUND), lane_array(SENSED), lane_array(ADVICE), lane_array(COMMANDS)
-        memory, vehicle, noise, drawn = lane_array(MEMORY), lane_array(VEHICLE), lane_array(NOISES), lane_array(DRAWN)
+        vehicle, noise, drawn = lane_array(VEHICLE), lane_array(NOISES), lane_array(DRAWN)
+        memory = lane_array(len(memories))  # of laws by address as much as each remembers
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
@@ -206,7 +217,7 @@ def group_flight(model, key, p_shape, law_shape, vehicle_class):
                 vehicle[row, lane] = vehicles[row, first + lane]
             for row in range(WATCHED):
                 watched[row, lane] = stored_watched[row, first + lane]
-            for row in range(MEMORY):
+            for row in range(len(memories)):
                 memory[row, lane] = memories[row]
             for row in range(COMMANDS):
                 command[row, lane] = 0.0

@@ -23,6 +23,7 @@ from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.summaries import summary
 from marsedl.words import described, require
 
+_COMPILED = {}  # kernels, and laws that are compiled alone, by their names
 NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
 
 
@@ -154,7 +155,6 @@ class Flight:
             "end_tolerance": float(end_tolerance),
             "watch_steps": bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
         }
-        self._kernels = {}
 
     def fly(
         self,
@@ -209,7 +209,8 @@ class Flight:
         from numba import get_num_threads
 
         from marsedl.montecarlo.ensembles import Trajectories
-        from marsedl.montecarlo.flights.columns import flat, shape_of
+        from marsedl.montecarlo.flights import addressed, diagnosis
+        from marsedl.montecarlo.flights.columns import flat
         from marsedl.montecarlo.lanes import LANES
 
         options = {"vehicle": vehicle, "law": law, "memory": memory, "nodes": nodes, "air": air, "past": past}
@@ -230,7 +231,6 @@ class Flight:
         else:
             air = table_of(air, width, padded)
         vehicle_class = type(given["vehicle"]) if hasattr(given["vehicle"], "_fields") else Nothing
-        kernel = self._kernel(shape_of(p), shape_of(law), vehicle_class)
         times = len(schedule.times)
         size = {name: len(kind._fields) for name, kind in self.parts.items()}
         watched = earlier.observed_maximum if earlier else self.parts["watched"]()
@@ -245,30 +245,38 @@ class Flight:
             length=np.full(padded, times, np.int64),
         )
         pace = (np.asarray(schedule.start, float), np.asarray(schedule.step, float), np.asarray(schedule.steps, int))
-        arguments = (
-            flat(p) or (0.0,),
-            flat(law) or (0.0,),
+        settings = (
             (*pace, int(schedule.every), bool(schedule.stores_end)),
             (int(seed), int(first_trial), int(increments), int(first_increment), int(streams[0]), int(streams[1])),
             (len(air) or int(nodes), int(past)),
         )
-        tables = (start, vehicle, tuple(map(float, memory)) or (0.0,), air)
+        tables = (start, vehicle, np.array(tuple(memory), float), air)
         results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
         groups, threads = padded // LANES, min(get_num_threads(), padded // LANES)
         bounds = [groups * number // threads for number in range(threads + 1)]
 
+        doubted = []  # roles whose loops over trials may be no vector code
+
         def fly_groups(first, last):
-            kernel(*arguments, (first, last), *tables, results)
+            kernel(given_p, given_law, *settings, (first, last), *tables, results)
 
-        if not kernel.overloads:
-            from marsedl.montecarlo.flights import diagnosis
-
-            try:
+        with diagnosis.explaining(self, (p, schedule, given["start"]), options):
+            given_p, given_law = flat(p) or (0.0,), flat(law) or (0.0,)
+            by_address = addressed.is_addressed(self, p, law)
+            if by_address:
+                function = self._law(p, law, vehicle_class)
+                if not function.overloads:
+                    function.compile((addressed.SIGNATURE,))  # or loads
+                    if function.stats.cache_misses and diagnosis.is_scalar(function):
+                        doubted.append("guide")
+                read = [flat(value) for value in addressed.parameters_of(self, p, law).values()]  # kept for the words
+                given_law = (addressed.address_of(function), *map(addressed.words_of, read))
+            kernel = self._kernel(p, given_law if by_address else law, vehicle_class, by_address)
+            if not kernel.overloads:
                 fly_groups(0, 0)  # compiles, or loads
-            except diagnosis.COMPILER_ERRORS as error:
-                raise diagnosis.explained(error, self, (p, schedule, given["start"]), options) from None
-            if kernel.stats.cache_misses:
-                diagnosis.warn_of_scalar_loops(self, p, law, vehicle_class)
+                if kernel.stats.cache_misses:
+                    doubted += ["rates", "sense"] if by_address else ["rates", "sense", "guide"]
+        diagnosis.warn_of_scalar_loops(self, doubted, p, law, vehicle_class)
         if threads == 1:
             fly_groups(0, groups)
         else:
@@ -301,22 +309,58 @@ class Flight:
         for function in filter(None, (*self.functions.values(), *self.guides)):
             renew_helpers(function, done)
 
-    def _kernel(self, *shapes):
-        from marsedl.montecarlo.flights import loop
+    def _kernel(self, p, law, vehicle_class, by_address):
+        """The flight, which is compiled when it is first called; law: parameters, or address and words."""
+        from marsedl.montecarlo.flights import addressed, loop
+        from marsedl.montecarlo.flights.columns import shape_of, types_of
 
-        key = digest(*self.reached(), shapes, _digest_of_loops())  # each time: what functions read may change
-        if key not in self._kernels:
+        kinds = {**self.parts, "vehicle": vehicle_class, "noise": self.options["noise"]}
+        functions, guides = self.functions, self.guides
+        if by_address:
+            kinds |= addressed.kinds_of_kernel(self)
+            functions, guides = {**functions, "consult": None}, ()
+        shapes = shape_of(p), shape_of(law)
+        read = (*functions.values(), *guides, self.options, kinds, by_address, shapes, str(types_of((p, law))))
+
+        def bound(key):
+            return loop.fly_groups, loop.group_flight(self, key, *shapes, kinds, by_address)
+
+        return self._cached("fly", read, self.functions["rates"], bound)
+
+    def _law(self, p, law, vehicle_class):
+        """The law alone, not compiled yet or kept."""
+        from marsedl.montecarlo.flights import addressed
+        from marsedl.montecarlo.flights.columns import shape_of, types_of
+
+        kinds, guide, consult = addressed.kinds_of_law(self, vehicle_class), self.guides[0], self.functions["consult"]
+        given = addressed.parameters_of(self, p, law)
+        shapes, leaves = ({name: of(value) for name, value in given.items()} for of in (shape_of, types_of))
+
+        def bound(_):
+            return addressed.guide_group, addressed.law_of_lanes(self, kinds, shapes, leaves)
+
+        unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        return self._cached("law", (guide, consult, kinds, shapes, str(leaves)), guide, bound, **unwrapped)
+
+    def _cached(self, prefix, read, function, bound, **options):
+        """What is compiled, or will be, of all that is read; function: whose module names the folder of the cache.
+
+        It is kept as long as the program runs, as the address of a law must be while it flies.
+        """
+        key = digest(*read, _digest_of_engine())  # each time: what functions read may change
+        name = f"{prefix}_{key}"
+        if name not in _COMPILED:
             self.renew()
-            module = self.functions["rates"].__module__ or "__main__"
-            self._kernels[key] = named_kernel(loop.fly_groups, loop.group_flight(self, key, *shapes), key, module)
-        return self._kernels[key]
+            _COMPILED[name] = named_kernel(*bound(key), name, function.__module__ or "__main__", **options)
+        return _COMPILED[name]
 
 
 @cache
-def _digest_of_loops():
-    from marsedl.montecarlo.flights import loop
+def _digest_of_engine():
+    from marsedl.montecarlo.flights import addressed, loop
 
-    return digest(loop.group_flight, loop.fly_groups)
+    parts = (loop.group_flight, loop.fly_groups, addressed.law_of_lanes, addressed.guide_group)
+    return digest(*parts, str(addressed.SIGNATURE))
 
 
 def width_of(given, trials):
