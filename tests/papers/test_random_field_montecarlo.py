@@ -171,3 +171,29 @@ def test_a_lost_trial_counts_as_the_largest():
     value, _ = percentile_with_lost(np.where(values >= np.sort(values)[-400], np.nan, values), 0.5)
     assert value == pytest.approx(np.median(values))
     assert np.isnan(percentile_with_lost(np.array([np.nan, 300.0]))).all()
+
+
+UNITS = np.array([1e3, 1.0, np.radians(1.0)])
+
+
+MOTION = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]
+
+
+SPREAD = """
+125  .0047 17.82 .0088   .1276 16.57 .0855
+175  .0986 47.15 .0446   .6531 26.80 .1938
+250  .9107 76.34 .1676   .4382 8.505 .0657
+400  5.967 81.18 .4861   .4720 5.702 .0799
+"""  # s; km, m/s, deg of the open loop and of the third law
+
+
+@pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
+def test_spread_over_time(random_field, row):
+    ensemble = random_field.ensemble()
+    time, *texts = row.split()
+    k = np.flatnonzero(ensemble.time == float(time))[0]
+    deviation = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
+    for value, text in zip(deviation.ravel(), texts, strict=True):
+        # Nearly normal: four standard errors of both, half a digit.
+        digit = 10.0 ** -len(text.split(".")[1])
+        assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)

@@ -284,3 +284,41 @@ def test_negative_densities_are_set_to_zero_and_counted(entry):
     assert at_entry.mean() == pytest.approx(stats.norm.cdf(-1 / np.sqrt(0.148)), abs=4 * np.sqrt(0.005 / 1000))
     # Below 80 km never: more than seven standard deviations.
     assert not negative[:, air.altitude < 80e3].any()
+
+
+def density_over_mean(entry, trajectories):
+    """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
+    air = entry.stage_inputs("corrected", "montecarlo").call(environment.atmosphere)
+    mean = np.exp(np.interp(trajectories.history[:, records.ALTITUDE], air.altitude, air.log_density))
+    return trajectories.history[:, records.DENSITY] / mean
+
+
+def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
+    inputs = entry.stage_inputs("corrected", "montecarlo")
+    air, trials = inputs.call(environment.atmosphere), np.arange(100, 300)
+    factor, _ = density_factors(inputs, air, trials)
+    trajectories = entry.simulator("apollo_time")(100, 300)
+    altitude = trajectories.history[:, records.ALTITUDE]
+    expected = np.stack([np.interp(h, air.altitude, f) for h, f in zip(altitude.T, factor, strict=True)], axis=1)
+    np.testing.assert_allclose(density_over_mean(entry, trajectories), expected, rtol=1e-11, atol=1e-13)
+
+
+def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
+    """Normalized variations have unit variance, and forget as exp(-integral of 2/H), over 2,000 flights."""
+    trials = 2000
+    trajectories = entry.simulator("apollo_time")(0, trials)
+    inputs = entry.stage_inputs("corrected", "montecarlo")
+    altitude = trajectories.history[:, records.ALTITUDE]
+    deviation = np.sqrt(0.148 * np.exp((np.minimum(altitude, 120e3) - 120e3) / 20e3))
+    process = (density_over_mean(entry, trajectories) - 1.0) / deviation
+    # Interpolation between nodes of correlation exp(-200 m/H) takes up to 1.3 % of the variance away in the middle.
+    error = 4 * np.sqrt(2 / trials)
+    variance = process[20:].var(axis=1, ddof=1)  # before 20 s negative densities are cut off
+    assert variance.max() < 1 + error and variance.min() > 1 - error - 0.014
+    log_density = inputs.call(environment.profile)
+    for first, last in ((22, 23), (22, 24), (40, 42), (60, 64), (70, 90)):
+        # lambda = 2/H, and ln density is the integral of 1/H.
+        retained = np.exp(2 * (log_density(altitude[first].mean())[0] - log_density(altitude[last].mean())[0]))
+        correlation = np.corrcoef(process[first], process[last])[0, 1]
+        # Four standard errors of a correlation, and what the smoothing of interpolation may add.
+        assert correlation == pytest.approx(retained, abs=4 * (1 - retained**2) / np.sqrt(trials) + 0.014)
