@@ -16,7 +16,6 @@ from pathlib import Path
 import marsedl
 from marsedl import overview
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.checks import numbers
 from marsedl.replication.errors import InputError, MarsedlError, StaleError, nearest
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.pipeline import numerics
@@ -359,6 +358,8 @@ def _verify(options) -> int:
     own. The exit status is 1 if anything differs.
     """
     if options.numbers:
+        from marsedl.replication.checks import numbers
+
         return 0 if numbers.compare_numbers(*_tables(options), numbers.tolerance_of(options.tolerance)) else 1
     from marsedl.replication.checks import judged_again, reference, twice, universes
 
@@ -379,6 +380,8 @@ def _accept(options) -> None:
     it stores the numbers of a build in a folder of your own.
     """
     if options.numbers:
+        from marsedl.replication.checks import numbers
+
         _say(numbers.accept_numbers(*_tables(options)))
         return
     from marsedl.replication.checks import reference, universes

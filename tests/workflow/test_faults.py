@@ -50,7 +50,7 @@ def test_damaged_and_malformed_files_are_refused_in_one_run_and_a_lost_one_is_ma
 
     gains.unlink()
     published.write_text(printed, encoding="utf-8")
-    small.works(target, f"report/claims/{HOP}.json")
+    small.works(target, f"report/points/{HOP}.json", f"report/claims/{HOP}.json")
     assert small.digests() == digests
     assert small.plan(GLIDE, HOP).rules == set(), "their content is what it was"
 

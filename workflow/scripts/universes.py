@@ -9,17 +9,18 @@ from marsedl.replication.universes.designs import design
 from marsedl.replication.universes.table import Evaluator, Universes, gathered, held, require_same, tabulated
 
 with guarded(snakemake) as job:
-    paper, project, given = job.paper, Path(snakemake.params.project).resolve(), snakemake.input
-    tables = [store.load(path, Universes, paper=paper) for path in given.get("chunks", ())]
+    paper, project = job.paper, Path(snakemake.params.project).resolve()
+    committed = list(map(Path, snakemake.input.committed))
+    tables = [store.load(path, Universes, paper=paper) for path in snakemake.input.get("chunks", ())]
     if not tables:
         chunk, chunks = int(snakemake.wildcards.get("chunk", 0)), int(snakemake.wildcards.get("chunks", 1))
         evaluator = Evaluator(catalogue(paper), input_model(paper), project, job.made["size"], job.made["own"])
-        sample = [held(run, evaluator.study, one) for run in given.committed for one in job.made["sample"]]
+        sample = [held(run, evaluator.study, one) for run in committed for one in job.made["sample"]]
         universes = sample or design(evaluator.study.choices, *job.made["designs"])
         title = f"{paper}, chunk {chunk + 1} of {chunks}"
         tables = [tabulated(evaluator, universes[chunk::chunks], title)]  # as many of each design in every chunk
     table = gathered(tables)
-    for run in given.committed:
+    for run in committed:
         require_same(run, table, paper)
     provenance = {"size": job.made["size"], "world": job.made["world"]}
     store.save(snakemake.output[0], table, paper=paper, reading="universes", provenance=provenance)

@@ -284,7 +284,8 @@ class Products:
 
     def _site(self) -> Made:
         of_papers = [need for paper in self.papers for need in self.shown(paper) + self.cache(paper)]
-        of_papers += [f"report/universes/{paper}.json" for paper in self.papers]
+        # Claims are not judged again where named readings alone are lost, so these are asked for themselves.
+        of_papers += [f"report/{kind}/{paper}.json" for kind in ("universes", "points") for paper in self.papers]
         packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
         files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]

@@ -347,7 +347,7 @@ def changed(large: Universes, small: Universes) -> dict[int, str]:
     return found
 
 
-def require_same(run: str | Path, table: Universes, paper: str) -> None:
+def require_same(run: Path, table: Universes, paper: str) -> None:
     """Raise MarsedlError if universes of a table have other bits than in the committed run of a file."""
     if moved := changed(store.load(run, Universes, paper=paper), table):
         differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
