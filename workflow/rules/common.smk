@@ -3,6 +3,7 @@ import atexit
 import csv
 import os
 import sys
+import tempfile
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
@@ -92,9 +93,9 @@ def say_why():
 
 # --- what rules take. A product is a pattern with the wildcards of its rule.
 
-# The process that plans began after every product was made. No other path is newer than all of them without being
-# written. As a folder it has no checksum, by which Snakemake might call it unchanged.
-NOW = "/proc/self"
+# A folder that is newer than every product, outside of the project, and gone when Snakemake ends. As a folder it has no
+# checksum, by which Snakemake might call it unchanged.
+NOW = tempfile.TemporaryDirectory(prefix="marsedl-")
 
 
 def filled(pattern, wildcards):
@@ -143,7 +144,7 @@ def if_stale(*products):
         for path in stale:
             if path.startswith(ARTIFACTS) and (why := own_changes(PRODUCTS, path, Path())):
                 STALE.setdefault(why, []).append(path)
-        return [local(NOW)] if stale else []
+        return [local(NOW.name)] if stale else []
 
     return newer
 
