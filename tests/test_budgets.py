@@ -13,7 +13,7 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_616,
+    "src/marsedl": 25_617,
     "src/marsedl/papers": 9_936,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
@@ -21,7 +21,7 @@ STATEMENTS = {
     "src/marsedl/fly": 931,
     # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
     # claims are judged again from artifacts, and ensembles compared state by state.
-    "src/marsedl/replication": 6_340,
+    "src/marsedl/replication": 6_341,
 }
 LINES = 36598  # of tests
 MEAN_LINES = {

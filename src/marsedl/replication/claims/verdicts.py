@@ -172,7 +172,7 @@ def judge(
     # A statement may be false by construction; numbers that differ were not bound to agree.
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
     if bound or (declaration.by_construction and confirmed):
-        judged = Result(verdict=BY_CONSTRUCTION, margin=judged.margin)
+        judged = Result(verdict=BY_CONSTRUCTION, margin=judged.margin, test=judged.test)
     return Result(
         value=finite_values(evaluation.value, infinity="inf" if claim.kind == "input" else None),
         standard_error=finite_values(evaluation.standard_error),
@@ -183,6 +183,7 @@ def judge(
         components=judged.components,
         doubts=judged.doubts,
         margin=judged.margin,
+        test=judged.test,
     )
 
 
