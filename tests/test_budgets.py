@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
     "src/marsedl": 25_617,
-    "src/marsedl/papers": 9_936,
+    "src/marsedl/papers": 9_935,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
     "src/marsedl/montecarlo": 1_608,  # a law is compiled alone, so that a new one takes a second
@@ -23,7 +23,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_341,
 }
-LINES = 36599  # of tests
+LINES = 36_587  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

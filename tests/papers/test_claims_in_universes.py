@@ -26,7 +26,6 @@ from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe
 from marsedl.replication.universes.table import Evaluator, class_of
 
 ROOT = Path(__file__).parents[2]
-MAXIMA = ("maximum_over_trials", "observed_maximum")
 FEW = {
     "powered_descent": {"ensemble.trials": 30, "ensemble.large_trials": 60, "ensemble.drawn_trials": 2},
     "random_field": {
@@ -237,7 +236,6 @@ MASS_ITERATION = {"mass_iteration_converges": "holds", "prior_mass_sufficient": 
 NO_LAW = {"acap_lc_better_for_guess_state": "fails", "acap_dv_p99_closed": "differs"}
 LOST_LAWS = NO_LAW | {"acap_lc_better_for_guess_state": "fails undetermined"}
 OUTSIDE = dict.fromkeys(("mc_inside_funnel", "funnel_is_tight", "sos_above_mc"), "fails undetermined")
-TWO_LEFT = {"trigger_covariance": "fails undetermined"}
 LOST = [  # paper, reading, change of records, the verdicts of some claims
     *(
         ("powered_descent", "corrected", of_kind(FLIGHTS, lose), MASS_ITERATION)

@@ -160,6 +160,24 @@ def test_observed_are_the_command_and_what_is_flown_of_it():
     assert trajectories.observed_maximum[components.BANK_ACCELERATION].max() == bound < magnitude.max()
 
 
+@pytest.mark.parametrize("bound", [NARROW])
+def test_flights_are_those_of_an_adaptive_method(bound):
+    """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
+    initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
+    trajectories = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
+    reached = trajectories.observed_maximum[components.COMMAND_MAGNITUDE] > bound
+    np.testing.assert_array_equal(reached, bound == NARROW)
+    for trial in range(3):
+        z = pairs(initial[trial : trial + 1])[:, 0]
+        for u in REFERENCE.bank_acceleration:
+            arguments = (u, GAIN, bound, factor[trial])
+            options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+            z = solve_ivp(pair_rates, (0.0, STEP), z, args=arguments, **options).y[:, -1]
+        np.testing.assert_allclose(
+            trajectories.final_state[:, trial] / SIZE[:, 0], z[:9] / SIZE[:, 0], rtol=0, atol=1e-9
+        )
+
+
 def test_flights_are_of_fourth_order_in_the_step():
     """In an exponential atmosphere of one cell, which is smooth everywhere."""
     altitude = np.array([0.0, 200e3])
@@ -243,21 +261,3 @@ def test_trials_end_below_the_ground():
     length, stored = mixed.length[1], mixed.history[:, :, 1]
     assert 1 < length < 101 and (stored[:length, components.ALTITUDE] >= 0.0).all()
     assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
-
-
-@pytest.mark.parametrize("bound", [NARROW])
-def test_flights_are_those_of_an_adaptive_method(bound):
-    """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
-    initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
-    trajectories = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
-    reached = trajectories.observed_maximum[components.COMMAND_MAGNITUDE] > bound
-    np.testing.assert_array_equal(reached, bound == NARROW)
-    for trial in range(3):
-        z = pairs(initial[trial : trial + 1])[:, 0]
-        for u in REFERENCE.bank_acceleration:
-            arguments = (u, GAIN, bound, factor[trial])
-            options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
-            z = solve_ivp(pair_rates, (0.0, STEP), z, args=arguments, **options).y[:, -1]
-        np.testing.assert_allclose(
-            trajectories.final_state[:, trial] / SIZE[:, 0], z[:9] / SIZE[:, 0], rtol=0, atol=1e-9
-        )

@@ -144,6 +144,17 @@ def _integral(values, times):
     return np.concatenate([[0.0], np.cumsum(pieces)])
 
 
+@pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
+def test_flights_stay_inside_and_come_near(car, number, wind):
+    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
+    start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
+    values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
+    largest = values.max(axis=1)
+    level = np.interp(np.arange(401), car.slice_step, car.level[number])
+    assert (largest <= level * (1 + 1e-9)).all()
+    assert 0.75 < largest[-1] / level[-1] < 0.9
+
+
 def test_a_funnel_that_does_not_exist_says_so(funnels):
     with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
         funnels.inputs("corrected", **SHORT, dubins_level=1e9).call(dubins.compute)
@@ -176,14 +187,3 @@ def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):
         pushed = uniform_directions(draw, 2000, 2) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))
         reached = fly(loop, short.shape, start, pushed)[short.slice_step].max(axis=1)
         assert (reached <= level).all()
-
-
-@pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
-def test_flights_stay_inside_and_come_near(car, number, wind):
-    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
-    start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
-    values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
-    largest = values.max(axis=1)
-    level = np.interp(np.arange(401), car.slice_step, car.level[number])
-    assert (largest <= level * (1 + 1e-9)).all()
-    assert 0.75 < largest[-1] / level[-1] < 0.9

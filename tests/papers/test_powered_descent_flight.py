@@ -108,6 +108,36 @@ def test_kernel_flies_the_equations(pipeline, scheme, case, trial, hold):
     assert trajectories.observed_maximum[DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
 
 
+def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, node):
+    trajectories, gains = simulator(pipeline)(0, 20), pipeline.gains()
+    switch = 52
+    np.testing.assert_array_equal(trajectories.history[switch], trajectories.history[switch + 1])
+    for output, after in ((switch, False), (switch + 1, True)):
+        k = node(gains, 26.0, after)
+        error = trajectories.history[output, :4].T - gains.mean[k]
+        expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
+        np.testing.assert_allclose(trajectories.observed[output, THRUST], expected, rtol=1e-9)
+    assert (trajectories.observed[switch + 1, THRUST] < 0.6 * trajectories.observed[switch, THRUST]).all()
+
+
+@pytest.mark.parametrize("interval", [0.1, 0.5])
+def test_a_held_command_changes_only_when_it_is_renewed(pipeline, interval):
+    trajectories = simulator(pipeline, command_interval=interval, output_interval=0.1)(0, 3)
+    thrust, hold = trajectories.observed[:260, THRUST], round(interval / 0.1)
+    steady = np.diff(thrust, axis=0) == 0
+    renewed = np.arange(1, 260) % hold == 0
+    assert steady[~renewed].all() and not steady[renewed].any()
+
+
+def test_a_command_held_for_ever_shorter_times_is_the_continuous_one(pipeline):
+    exact = simulator(pipeline, time_step=0.01)(0, 20).final_state[:4]
+    errors = [
+        np.abs(simulator(pipeline, time_step=0.01, command_interval=hold)(0, 20).final_state[:4] - exact).max()
+        for hold in (0.5, 0.25, 0.125)
+    ]
+    assert errors[0] > 1.7 * errors[1] > 1.7**2 * errors[2] > 0  # first order in the interval
+
+
 def test_a_wide_switch_scales_the_scatter_at_the_switch_and_nothing_before(pipeline, node):
     gains, switch = pipeline.gains(), 52
     plain, wide = simulator(pipeline)(0, 40), simulator(pipeline, "wide_switch")(0, 40)
@@ -215,33 +245,3 @@ def test_at_the_production_step_runge_kutta_has_no_bias_and_euler_maruyama_a_kno
         # The known values are of 2,000 trials and have half a digit.
         assert (np.abs(difference.mean(axis=0) - bias) < 4 * 1.3 * error + 5e-4).all(), scheme
         np.testing.assert_allclose(np.sqrt((difference**2).mean(axis=0)), spread, rtol=0.11)
-
-
-def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, node):
-    trajectories, gains = simulator(pipeline)(0, 20), pipeline.gains()
-    switch = 52
-    np.testing.assert_array_equal(trajectories.history[switch], trajectories.history[switch + 1])
-    for output, after in ((switch, False), (switch + 1, True)):
-        k = node(gains, 26.0, after)
-        error = trajectories.history[output, :4].T - gains.mean[k]
-        expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
-        np.testing.assert_allclose(trajectories.observed[output, THRUST], expected, rtol=1e-9)
-    assert (trajectories.observed[switch + 1, THRUST] < 0.6 * trajectories.observed[switch, THRUST]).all()
-
-
-@pytest.mark.parametrize("interval", [0.1, 0.5])
-def test_a_held_command_changes_only_when_it_is_renewed(pipeline, interval):
-    trajectories = simulator(pipeline, command_interval=interval, output_interval=0.1)(0, 3)
-    thrust, hold = trajectories.observed[:260, THRUST], round(interval / 0.1)
-    steady = np.diff(thrust, axis=0) == 0
-    renewed = np.arange(1, 260) % hold == 0
-    assert steady[~renewed].all() and not steady[renewed].any()
-
-
-def test_a_command_held_for_ever_shorter_times_is_the_continuous_one(pipeline):
-    exact = simulator(pipeline, time_step=0.01)(0, 20).final_state[:4]
-    errors = [
-        np.abs(simulator(pipeline, time_step=0.01, command_interval=hold)(0, 20).final_state[:4] - exact).max()
-        for hold in (0.5, 0.25, 0.125)
-    ]
-    assert errors[0] > 1.7 * errors[1] > 1.7**2 * errors[2] > 0  # first order in the interval

@@ -683,6 +683,26 @@ def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
     assert reference[1, 6] == pytest.approx(covariance.sum(axis=0) @ (1 - middle) / 1e6, rel=1e-5)
 
 
+def test_without_force_the_double_integrator_flies_its_linear_model(random_field):
+    """Every trial, to rounding: x_{k+1} = A x_k + B (sum over l of K_kl (x_l - xbar_l))."""
+    double_integrator = random_field.double_integrator()
+    inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
+    history = inputs.call(block_simulator, double_integrator, CLOSED, varied=False)(0, 64).history[::10]
+    deviations = [history[0, :2] - double_integrator.mean[CLOSED, 0][:, np.newaxis]]
+    for k in range(5):
+        control = sum(double_integrator.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
+        np.testing.assert_allclose(
+            history[k, components.CONTROL], control + double_integrator.control[CLOSED, k], atol=1e-14
+        )
+        deviations.append(
+            double_integrator.transition[k] @ deviations[k] + np.outer(double_integrator.input[k], control)
+        )
+        expected = deviations[-1] + double_integrator.mean[CLOSED, k + 1][:, np.newaxis]
+        np.testing.assert_allclose(history[k + 1, :2], expected, rtol=0, atol=1e-13)
+    initial_deviations = normals(inputs.seed, 0, range(64), 2) * [0.05 / 3, 0.01 / 3]
+    np.testing.assert_allclose(deviations[0], initial_deviations.T, atol=1e-16)
+
+
 def test_double_integrator_flights_agree_with_linear_covariance(random_field):
     """5,000 trials of another program agreed within 2 % open loop, 1 % (r) and 3 % (v) closed loop."""
     double_integrator, flights = random_field.double_integrator(), random_field.double_integrator_flights()
@@ -711,26 +731,6 @@ def test_violations_count_the_trials_beyond_the_lines(random_field):
             either = (first | second)[:, :trials].sum(axis=1)
             np.testing.assert_array_equal(getattr(flights, f"{name}any_violations")[number], either)
     assert flights.paper_trials == 1000
-
-
-def test_without_force_the_double_integrator_flies_its_linear_model(random_field):
-    """Every trial, to rounding: x_{k+1} = A x_k + B (sum over l of K_kl (x_l - xbar_l))."""
-    double_integrator = random_field.double_integrator()
-    inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
-    history = inputs.call(block_simulator, double_integrator, CLOSED, varied=False)(0, 64).history[::10]
-    deviations = [history[0, :2] - double_integrator.mean[CLOSED, 0][:, np.newaxis]]
-    for k in range(5):
-        control = sum(double_integrator.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
-        np.testing.assert_allclose(
-            history[k, components.CONTROL], control + double_integrator.control[CLOSED, k], atol=1e-14
-        )
-        deviations.append(
-            double_integrator.transition[k] @ deviations[k] + np.outer(double_integrator.input[k], control)
-        )
-        expected = deviations[-1] + double_integrator.mean[CLOSED, k + 1][:, np.newaxis]
-        np.testing.assert_allclose(history[k + 1, :2], expected, rtol=0, atol=1e-13)
-    initial_deviations = normals(inputs.seed, 0, range(64), 2) * [0.05 / 3, 0.01 / 3]
-    np.testing.assert_allclose(deviations[0], initial_deviations.T, atol=1e-16)
 
 
 def test_the_true_field_violates_a_little_more_than_allotted(random_field):

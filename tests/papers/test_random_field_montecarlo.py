@@ -23,6 +23,8 @@ RADIUS, MU = 3397e3, 4.2828e13
 MISSION = 5 * RADIUS, 2 * RADIUS, MU
 TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 5000, 4.0
 BOTH = np.sqrt(1 + TRIALS / REFERENCE_TRIALS)  # of a standard error of ours, with the reference's
+UNITS = np.array([1e3, 1.0, np.radians(1.0)])
+MOTION = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]
 
 
 def simulator(random_field, reading="corrected", gains=None, number=-1, **changes):
@@ -67,6 +69,26 @@ def test_open_loop_delta_v_agrees_with_another_program(random_field):
         variance, fourth = sample.var(), ((sample - sample.mean()) ** 4).mean()
         error = np.sqrt((fourth - variance**2) / TRIALS) / (2 * np.sqrt(variance))
         assert sample.std() == pytest.approx(deviation, abs=SIGMAS * error * BOTH + 0.0051 * deviation)
+
+
+SPREAD = """
+125  .0047 17.82 .0088   .1276 16.57 .0855
+175  .0986 47.15 .0446   .6531 26.80 .1938
+250  .9107 76.34 .1676   .4382 8.505 .0657
+400  5.967 81.18 .4861   .4720 5.702 .0799
+"""  # s; km, m/s, deg of the open loop and of the third law
+
+
+@pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
+def test_spread_over_time(random_field, row):
+    ensemble = random_field.ensemble()
+    time, *texts = row.split()
+    k = np.flatnonzero(ensemble.time == float(time))[0]
+    deviation = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
+    for value, text in zip(deviation.ravel(), texts, strict=True):
+        # Nearly normal: four standard errors of both, half a digit.
+        digit = 10.0 ** -len(text.split(".")[1])
+        assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)
 
 
 # --- commands and their limits ----------------------------------------------------------------------------------------
@@ -171,29 +193,3 @@ def test_a_lost_trial_counts_as_the_largest():
     value, _ = percentile_with_lost(np.where(values >= np.sort(values)[-400], np.nan, values), 0.5)
     assert value == pytest.approx(np.median(values))
     assert np.isnan(percentile_with_lost(np.array([np.nan, 300.0]))).all()
-
-
-UNITS = np.array([1e3, 1.0, np.radians(1.0)])
-
-
-MOTION = [components.ALTITUDE, components.VELOCITY, components.FLIGHT_PATH_ANGLE]
-
-
-SPREAD = """
-125  .0047 17.82 .0088   .1276 16.57 .0855
-175  .0986 47.15 .0446   .6531 26.80 .1938
-250  .9107 76.34 .1676   .4382 8.505 .0657
-400  5.967 81.18 .4861   .4720 5.702 .0799
-"""  # s; km, m/s, deg of the open loop and of the third law
-
-
-@pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
-def test_spread_over_time(random_field, row):
-    ensemble = random_field.ensemble()
-    time, *texts = row.split()
-    k = np.flatnonzero(ensemble.time == float(time))[0]
-    deviation = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
-    for value, text in zip(deviation.ravel(), texts, strict=True):
-        # Nearly normal: four standard errors of both, half a digit.
-        digit = 10.0 ** -len(text.split(".")[1])
-        assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)

@@ -237,6 +237,59 @@ def test_matrices_are_the_derivatives_of_a_second_of_flight(entry):
         assert np.abs((control - model.control[k]) / STATE_SCALE).max() < 1e-3 * size, k
 
 
+def test_matrices_are_those_of_the_flight_itself(entry):
+    """Small deviations at entry, flown in three dimensions with a prescribed bank cosine, against products of A and B.
+
+    The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
+    """
+    inputs = entry.stage_inputs("corrected", "montecarlo", flight_substeps=20)
+    model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.atmosphere))
+    constants = inputs.call(flight.settings, air)
+    seconds = 65  # before the first reversal
+    mean = inputs.call(dispersions.entry_mean)
+
+    def history(deviation, cosine_change=0.0, second=0):
+        cosine = model.bank_cosine.copy()
+        cosine[second] += cosine_change
+        zero = np.zeros((len(cosine), flight.FEATURES))
+        law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
+        factors = (np.array([factor]) for factor in dispersions.factors(inputs.call(dispersions.body_of)))
+        trajectories = flight.fly(
+            constants,
+            air,
+            law,
+            flight.Vehicles((mean + deviation)[np.newaxis], *factors),
+            trigger="time",
+            end_time=float(seconds),
+            substeps=20,
+            seed=1,
+        )
+        return trajectories.history[-1, :5, 0]
+
+    products = [np.eye(5)]
+    for k in range(seconds):
+        products.append(model.transition[k] @ products[-1])
+    steps = {dispersions.SPEED: (1, 0.5), dispersions.PATH_ANGLE: (2, 1e-4)}
+    for component, (column, size) in steps.items():
+        deviation = np.zeros(6)
+        deviation[component] = size
+        derivative = (history(deviation) - history(-deviation)) / (2 * size)
+        expected = np.array(products)[:, :, column].T
+        np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4], -1], rtol=0.03)
+        # On the surface: R' = (r_p / r) V cos(gamma), of which Eq. 27d has V cos(gamma) only.
+        radius, velocity, angle = model.state[: seconds + 1, :3].T
+        rate = expected[1] * np.cos(angle) - velocity * np.sin(angle) * expected[2]
+        rate -= velocity * np.cos(angle) * expected[0] / radius
+        on_surface = np.sum((RADIUS / radius * rate)[1:] + (RADIUS / radius * rate)[:-1]) / 2
+        assert derivative[3] == pytest.approx(on_surface, rel=0.02)
+    second, change = 55, 0.01
+    derivative = (history(np.zeros(6), change, second) - history(np.zeros(6), -change, second)) / (2 * change)
+    expected = model.control[second]
+    for k in range(second + 1, seconds):
+        expected = model.transition[k] @ expected
+    np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4]], rtol=0.02)
+
+
 def test_control_has_no_effect_from_the_heading_alignment_on(entry):
     model = entry.linearization()
     effective = model.control.any(axis=1)
@@ -593,56 +646,3 @@ def test_a_tighter_altitude_limit_costs_range(entry):
     # An altitude limit that no control can meet is a gap in the curve, not an error.
     unreachable = entry.tradeoff(altitude_limit_study=np.array([1.0, 2000.0]), partition_interval=10.0)
     np.testing.assert_array_equal(np.isnan(unreachable.deviation), [[True, False], [True, False]])
-
-
-def test_matrices_are_those_of_the_flight_itself(entry):
-    """Small deviations at entry, flown in three dimensions with a prescribed bank cosine, against products of A and B.
-
-    The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
-    """
-    inputs = entry.stage_inputs("corrected", "montecarlo", flight_substeps=20)
-    model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.atmosphere))
-    constants = inputs.call(flight.settings, air)
-    seconds = 65  # before the first reversal
-    mean = inputs.call(dispersions.entry_mean)
-
-    def history(deviation, cosine_change=0.0, second=0):
-        cosine = model.bank_cosine.copy()
-        cosine[second] += cosine_change
-        zero = np.zeros((len(cosine), flight.FEATURES))
-        law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
-        factors = (np.array([factor]) for factor in dispersions.factors(inputs.call(dispersions.body_of)))
-        trajectories = flight.fly(
-            constants,
-            air,
-            law,
-            flight.Vehicles((mean + deviation)[np.newaxis], *factors),
-            trigger="time",
-            end_time=float(seconds),
-            substeps=20,
-            seed=1,
-        )
-        return trajectories.history[-1, :5, 0]
-
-    products = [np.eye(5)]
-    for k in range(seconds):
-        products.append(model.transition[k] @ products[-1])
-    steps = {dispersions.SPEED: (1, 0.5), dispersions.PATH_ANGLE: (2, 1e-4)}
-    for component, (column, size) in steps.items():
-        deviation = np.zeros(6)
-        deviation[component] = size
-        derivative = (history(deviation) - history(-deviation)) / (2 * size)
-        expected = np.array(products)[:, :, column].T
-        np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4], -1], rtol=0.03)
-        # On the surface: R' = (r_p / r) V cos(gamma), of which Eq. 27d has V cos(gamma) only.
-        radius, velocity, angle = model.state[: seconds + 1, :3].T
-        rate = expected[1] * np.cos(angle) - velocity * np.sin(angle) * expected[2]
-        rate -= velocity * np.cos(angle) * expected[0] / radius
-        on_surface = np.sum((RADIUS / radius * rate)[1:] + (RADIUS / radius * rate)[:-1]) / 2
-        assert derivative[3] == pytest.approx(on_surface, rel=0.02)
-    second, change = 55, 0.01
-    derivative = (history(np.zeros(6), change, second) - history(np.zeros(6), -change, second)) / (2 * change)
-    expected = model.control[second]
-    for k in range(second + 1, seconds):
-        expected = model.transition[k] @ expected
-    np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4]], rtol=0.02)

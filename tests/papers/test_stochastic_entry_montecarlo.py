@@ -47,6 +47,44 @@ def test_final_errors_agree_with_another_program(entry, reading, case):
 
 # --- against the linear model -----------------------------------------------------------------------------------------
 
+# Another deadband, with which the following are known.
+FRAGILE = {"deadband_times": np.array([100.0, 130.0]), "deadband_widths": np.array([6e3, 1e3])}
+SPREAD = {  # time: stochastic h km, V m/s, gamma deg, R km, Apollo the same; 1,000 trials
+    60: (0.94, 15.2, 0.12, 1.77, 0.89, 15.0, 0.07, 1.77),
+    100: (0.44, 56.4, 0.91, 3.31, 0.31, 45.5, 0.52, 2.92),
+    145: (0.88, 36.4, 0.58, 2.66, 0.74, 23.9, 0.45, 2.59),
+    180: (0.78, 31.7, 0.43, 1.53, 0.71, 21.9, 0.53, 1.81),
+    210: (0.76, 25.7, 0.38, 0.77, 0.72, 18.4, 0.39, 1.24),
+    230: (0.75, 22.2, 0.59, 0.49, 0.73, 16.5, 0.43, 0.95),
+}
+UNITS = np.array([1e3, 1.0, np.radians(1.0), 1e3])
+DIGITS = np.array([0.006, 0.06, 0.006, 0.006])
+
+
+def time_history(entry, case):
+    """All states of the ensemble's trials, (times, 7, trials), flown once."""
+    key = "history", case
+    if key not in entry.done:
+        entry.done[key] = entry.simulator(case, **FRAGILE)(0, TRIALS).history
+    return entry.done[key]
+
+
+@pytest.mark.parametrize("time", SPREAD)
+def test_spread_over_time(entry, time):
+    """Standard deviations of the time trigger's flights, known to two digits from 1,000 trials."""
+    for k, case in enumerate(("stochastic_time", "apollo_time")):
+        ensemble = entry.ensemble("corrected", case, **FRAGILE)
+        deviation = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4] / UNITS
+        reference = np.array(SPREAD[time][4 * k : 4 * k + 4])
+        # The path angle has heavy tails: errors from the fourth moments of the flights.
+        state = time_history(entry, case)[time, :4]
+        centred = state - state.mean(axis=1, keepdims=True)
+        variance, fourth = (centred**2).mean(axis=1), (centred**4).mean(axis=1)
+        error = np.sqrt(variance) / UNITS * variance_standard_error(variance, fourth, TRIALS) / (2 * variance)
+        np.testing.assert_allclose(np.sqrt(variance) / UNITS, deviation, rtol=1e-3)
+        allowed = SIGMAS * error * np.sqrt(1 + TRIALS / 1000) + DIGITS
+        np.testing.assert_array_less(np.abs(deviation - reference), allowed)
+
 
 def test_linear_model_holds_until_the_first_reversal(entry):
     """Before 70 s nothing is saturated; the aerodynamic errors, which the model lacks, do little yet."""
@@ -85,47 +123,3 @@ def test_hypotheses_move_the_percentiles_as_known(entry):
         for level, number in zip((0.01, 0.99), expected, strict=True):
             value, error = percentile(final, level)
             assert value == pytest.approx(number, abs=SIGMAS * np.sqrt(3) * error + 0.006), (reading, level)
-
-
-FRAGILE = {"deadband_times": np.array([100.0, 130.0]), "deadband_widths": np.array([6e3, 1e3])}
-
-
-SPREAD = {  # time: stochastic h km, V m/s, gamma deg, R km, Apollo the same; 1,000 trials
-    60: (0.94, 15.2, 0.12, 1.77, 0.89, 15.0, 0.07, 1.77),
-    100: (0.44, 56.4, 0.91, 3.31, 0.31, 45.5, 0.52, 2.92),
-    145: (0.88, 36.4, 0.58, 2.66, 0.74, 23.9, 0.45, 2.59),
-    180: (0.78, 31.7, 0.43, 1.53, 0.71, 21.9, 0.53, 1.81),
-    210: (0.76, 25.7, 0.38, 0.77, 0.72, 18.4, 0.39, 1.24),
-    230: (0.75, 22.2, 0.59, 0.49, 0.73, 16.5, 0.43, 0.95),
-}
-
-
-UNITS = np.array([1e3, 1.0, np.radians(1.0), 1e3])
-
-
-DIGITS = np.array([0.006, 0.06, 0.006, 0.006])
-
-
-def time_history(entry, case):
-    """All states of the ensemble's trials, (times, 7, trials), flown once."""
-    key = "history", case
-    if key not in entry.done:
-        entry.done[key] = entry.simulator(case, **FRAGILE)(0, TRIALS).history
-    return entry.done[key]
-
-
-@pytest.mark.parametrize("time", SPREAD)
-def test_spread_over_time(entry, time):
-    """Standard deviations of the time trigger's flights, known to two digits from 1,000 trials."""
-    for k, case in enumerate(("stochastic_time", "apollo_time")):
-        ensemble = entry.ensemble("corrected", case, **FRAGILE)
-        deviation = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4] / UNITS
-        reference = np.array(SPREAD[time][4 * k : 4 * k + 4])
-        # The path angle has heavy tails: errors from the fourth moments of the flights.
-        state = time_history(entry, case)[time, :4]
-        centred = state - state.mean(axis=1, keepdims=True)
-        variance, fourth = (centred**2).mean(axis=1), (centred**4).mean(axis=1)
-        error = np.sqrt(variance) / UNITS * variance_standard_error(variance, fourth, TRIALS) / (2 * variance)
-        np.testing.assert_allclose(np.sqrt(variance) / UNITS, deviation, rtol=1e-3)
-        allowed = SIGMAS * error * np.sqrt(1 + TRIALS / 1000) + DIGITS
-        np.testing.assert_array_less(np.abs(deviation - reference), allowed)

@@ -272,20 +272,6 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, changes, case):
 # --- density ----------------------------------------------------------------------------------------------------------
 
 
-def test_negative_densities_are_set_to_zero_and_counted(entry):
-    inputs = entry.stage_inputs("corrected", "montecarlo")
-    air = inputs.call(environment.atmosphere)
-    _, negative = density_factors(inputs, air, np.arange(1000))
-    trajectories = entry.simulator("apollo_time")(0, 1000)
-    np.testing.assert_array_equal(trajectories.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
-    # At entry the deviation is 38 %, so that 1 in 200 samples is below -1; the flight meets a vacuum there.
-    at_entry = negative[:, air.altitude == 125e3][:, 0]
-    np.testing.assert_array_equal(trajectories.history[0, records.DENSITY] == 0.0, at_entry)
-    assert at_entry.mean() == pytest.approx(stats.norm.cdf(-1 / np.sqrt(0.148)), abs=4 * np.sqrt(0.005 / 1000))
-    # Below 80 km never: more than seven standard deviations.
-    assert not negative[:, air.altitude < 80e3].any()
-
-
 def density_over_mean(entry, trajectories):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
     air = entry.stage_inputs("corrected", "montecarlo").call(environment.atmosphere)
@@ -301,6 +287,20 @@ def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
     altitude = trajectories.history[:, records.ALTITUDE]
     expected = np.stack([np.interp(h, air.altitude, f) for h, f in zip(altitude.T, factor, strict=True)], axis=1)
     np.testing.assert_allclose(density_over_mean(entry, trajectories), expected, rtol=1e-11, atol=1e-13)
+
+
+def test_negative_densities_are_set_to_zero_and_counted(entry):
+    inputs = entry.stage_inputs("corrected", "montecarlo")
+    air = inputs.call(environment.atmosphere)
+    _, negative = density_factors(inputs, air, np.arange(1000))
+    trajectories = entry.simulator("apollo_time")(0, 1000)
+    np.testing.assert_array_equal(trajectories.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
+    # At entry the deviation is 38 %, so that 1 in 200 samples is below -1; the flight meets a vacuum there.
+    at_entry = negative[:, air.altitude == 125e3][:, 0]
+    np.testing.assert_array_equal(trajectories.history[0, records.DENSITY] == 0.0, at_entry)
+    assert at_entry.mean() == pytest.approx(stats.norm.cdf(-1 / np.sqrt(0.148)), abs=4 * np.sqrt(0.005 / 1000))
+    # Below 80 km never: more than seven standard deviations.
+    assert not negative[:, air.altitude < 80e3].any()
 
 
 def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):

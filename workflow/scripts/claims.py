@@ -6,17 +6,14 @@ from marsedl.plotting.headlines import headline_picture
 from marsedl.plotting.style import save_figure
 from marsedl.replication.claims.printed import load_measured, published_by_id
 from marsedl.replication.claims.rows import read_evaluations, unexplained, write_claims, write_table_of_claims
-from marsedl.replication.claims.verdicts import collect
-from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.claims.writing import claims_of, judged
 from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
     published, output = published_by_id(snakemake.input.published), snakemake.output
     measured = load_measured(snakemake.input.measured, job.paper) if job.made["measured"] else None
-    own = claims_of(job.paper)
-    evaluations = {name: own.evaluate(given, published, measured=measured) for name, given in job.readings().items()}
-    evaluations |= read_evaluations(snakemake.input.points)
-    rows = collect(list(published.values()), own.declarations, evaluations, **job.made["judged"])
+    named = read_evaluations(snakemake.input.points)
+    rows = judged(claims_of(job.paper), job.readings(), published, named, measured, **job.made["judged"])
     if names := unexplained(rows):
         print(f"{job.paper}: claims that differ or fail without a reason: {', '.join(names)}", file=sys.stderr)
     write_claims(rows, output.claims)

@@ -204,7 +204,6 @@ def _flight(rates, scheme):
 
 
 _SCHEMES = {"rk4": runge_kutta_4, "euler_maruyama": euler_maruyama, "semi_implicit_euler": semi_implicit_euler(2)}
-INTEGRATORS = tuple(_SCHEMES)
 # Flights are compiled when they are first flown. Euler-Maruyama asks for rates at starts of steps alone, where the
 # thrust is that which a step holds.
 HELD = {name: _flight(held_rates, scheme) for name, scheme in _SCHEMES.items()}
@@ -226,7 +225,7 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
         initial_states: (trials, 5), SI.
         draws: `Draws`.
         steps_per_output: by segment.
-        integrator: one of `INTEGRATORS`.
+        integrator: a name in `CONTINUOUS`.
         widening: factor on the covariance where a segment ends and the next begins: deviations from the mean of the
             design are scaled by its square root there.
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from marsedl.replication.checks.reference import compare, fingerprints, format_changes
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.counts import plural
-from marsedl.replication.claims.printed import load_measured, load_published
+from marsedl.replication.claims.printed import load_measured, published_by_id
 from marsedl.replication.claims.rows import read_claims, read_evaluations
-from marsedl.replication.claims.verdicts import collect
-from marsedl.replication.claims.writing import claims_of
+from marsedl.replication.claims.writing import claims_of, judged
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.products import BENCHMARKS
 from marsedl.replication.records import store
@@ -30,12 +29,12 @@ def judged_again(root: Path, build: Path, slug: str, given: Mapping) -> list[Cla
 
         return Arguments(given["inputs"][reading], load)
 
-    own = claims_of(slug)
-    published = {one.id: one for one in load_published(root / "data" / "published" / f"{slug}.yaml")}
+    published = published_by_id(root / "data" / "published" / f"{slug}.yaml")
     measured = load_measured(root / BENCHMARKS, slug) if given["measured"] else None
-    found = {name: own.evaluate(asked(name), published, measured=measured) for name in given["inputs"]}
-    found |= read_evaluations(build / f"report/points/{slug}.json")
-    return collect([*published.values()], own.declarations, found, **given["judged"])
+    points = read_evaluations(build / f"report/points/{slug}.json")
+    return judged(
+        claims_of(slug), {name: asked(name) for name in given["inputs"]}, published, points, measured, **given["judged"]
+    )
 
 
 def check_judged(root: Path, build: Path, given: Mapping[str, Mapping]) -> bool:

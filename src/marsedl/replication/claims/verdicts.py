@@ -172,19 +172,15 @@ def judge(
     # A statement may be false by construction; numbers that differ were not bound to agree.
     bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
     if bound or (declaration.by_construction and confirmed):
-        judged = Result(verdict=BY_CONSTRUCTION, margin=judged.margin, test=judged.test)
-    return Result(
-        value=finite_values(evaluation.value, infinity="inf" if claim.kind == "input" else None),
-        standard_error=finite_values(evaluation.standard_error),
-        trials=evaluation.trials,
-        numbers={name: finite_values(number) for name, number in evaluation.numbers.items()},
-        evidence=evaluation.evidence,
-        verdict=judged.verdict,
-        components=judged.components,
-        doubts=judged.doubts,
-        margin=judged.margin,
-        test=judged.test,
-    )
+        judged = judged.model_copy(update={"verdict": BY_CONSTRUCTION, "components": None, "doubts": ()})
+    measured = {
+        "value": finite_values(evaluation.value, infinity="inf" if claim.kind == "input" else None),
+        "standard_error": finite_values(evaluation.standard_error),
+        "trials": evaluation.trials,
+        "numbers": {name: finite_values(number) for name, number in evaluation.numbers.items()},
+        "evidence": evaluation.evidence,
+    }
+    return Result(**{**dict(judged), **measured})
 
 
 def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Tolerance | None, corrected: Evaluation) -> Result:

@@ -40,7 +40,7 @@ from marsedl.replication.claims.names import COUNTED_VERDICTS, UNDECIDED
 from marsedl.replication.claims.numbers import finite_values, told_apart
 from marsedl.replication.claims.printed import PublishedClaim, stated_value
 from marsedl.replication.claims.thresholds import SIGMAS, Limit
-from marsedl.replication.claims.verdicts import Declaration, Evaluation, judge, settling
+from marsedl.replication.claims.verdicts import Declaration, Evaluation, collect, judge, settling
 from marsedl.replication.errors import InputError, SolverError
 from marsedl.replication.inputs.sections import Inputs
 from marsedl.replication.pipeline.injection import Arguments, Missing
@@ -334,6 +334,23 @@ class Claims:
             with contextlib.suppress(Missing, SolverError):
                 evaluations[name] = self.evaluate_one(name, asked)
         return evaluations
+
+
+def judged(
+    claims: Claims,
+    readings: Mapping[str, Arguments],
+    published: Mapping[str, PublishedClaim],
+    named: Mapping[str, Mapping[str, Evaluation]],
+    measured: Mapping[str, float] | None,
+    **rules: object,
+) -> list[Claim]:
+    """Evaluate and judge all claims of a paper.
+
+    readings: what claims can ask for, by reading. named: what named readings give. measured: by benchmarks, for a paper
+    that needs them. rules: see `collect`.
+    """
+    evaluations = {name: claims.evaluate(given, published, measured=measured) for name, given in readings.items()}
+    return collect([*published.values()], claims.declarations, evaluations | named, **rules)
 
 
 def turned(
