@@ -66,9 +66,9 @@ MODULES = ROOT / "docs" / "reference" / "modules"  # a page for each, written be
 
 
 def names_of_modules(package):
-    """Return the names of all public modules of a package."""
+    """Return the names of all public modules of a package; of a module its own."""
     paths = [f"{path}/{package.rpartition('.')[2]}" for path in marsedl.__path__]
-    return sorted(module.name for module in walk_packages(paths, f"{package}.") if not module.ispkg)
+    return sorted(module.name for module in walk_packages(paths, f"{package}.") if not module.ispkg) or [package]
 
 
 def modules(package):

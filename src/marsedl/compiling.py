@@ -2,7 +2,7 @@
 
 Kernels call the same functions as claims and figures do. Importing numba takes longer than all that a claim or figure
 computes, so `jitable` functions wait until numba compiles something: it then calls `register_waiting`, the package's
-entry point `numba_extensions`.
+entry point `numba_extensions`. What a model of a flight calls needs no decorator, as the flight registers it (`renew`).
 """
 
 import sys
@@ -13,12 +13,18 @@ from secrets import randbits
 _WAITING = []
 
 
-def jitable(function: Callable) -> Callable:
-    """Let kernels call a plain function, as `numba.extending.register_jitable` does; returns the function itself."""
+def jitable(function: Callable, compiled: Callable | None = None, **options) -> Callable:
+    """Let kernels call a plain function; returns the function itself.
+
+    Args:
+        function: what Python calls.
+        compiled: what kernels call in its place, of the same arguments; by default the function itself.
+        options: of `numba.njit` for what kernels call.
+    """
     if "numba" in sys.modules:
-        _register(function)
+        _register(function, compiled, options)
     else:
-        _WAITING.append(function)
+        _WAITING.append((function, compiled, options))
     return function
 
 
@@ -32,13 +38,13 @@ def register_waiting() -> None:
 
     FunctionIdentity._unique_ids = count(randbits(60))
     while _WAITING:
-        _register(_WAITING.pop())
+        _register(*_WAITING.pop())
 
 
-def _register(function: Callable) -> None:
-    from numba.extending import register_jitable
+def _register(function: Callable, compiled: Callable | None, options: dict) -> None:
+    from numba.extending import overload
 
-    register_jitable(function)
+    overload(function, jit_options=options, strict=False)(lambda *arguments: compiled or function)
 
 
 _KNOWN = {}  # functions that kernels call, and the digest of what they reached when they were compiled
@@ -65,6 +71,6 @@ def renew(function: Callable, digest: str) -> None:
     cpu_target.typing_context.refresh()
     known = cpu_target.typing_context._lookup_global(function)
     if known is None:
-        _register(function)
+        _register(function, None, {})
     for template in getattr(known, "templates", ()):
         getattr(template, "_impl_cache", {}).clear()

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
+from marsedl.elementary import sine_cosine
 from marsedl.fly import (
     MARS,
     Above,
@@ -92,7 +93,7 @@ def test_an_entry_agrees_with_another_integrator():
 
     def rates(_, state):
         density = np.exp(AIR.log_density(state[0] - MARS.radius))
-        return entry_rates(state, 0.8, density, factors, planet, 1.0)
+        return entry_rates(state, sine_cosine(0.8), density, factors, planet, 1.0)
 
     def slow(_, state):
         return state[3] - 480.0

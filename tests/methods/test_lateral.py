@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+from marsedl.elementary import sine_cosine
 from marsedl.methods.guidance.lateral import (
     CORRECTED,
     PRINTED,
@@ -61,11 +62,12 @@ def fly(state, seconds, guidance, rotation_rate=ROTATION_RATE, substeps=4):
 
     def rates(state, bank):
         density = 1.45e-2 * np.exp(-(state[RADIUS] - PLANET_RADIUS) / 10.8e3)
-        return np.array(entry_rates(state, bank, density, (1 / 270, 0.24 / 270), (4.2828e13, rotation_rate), 1.0))
+        direction = sine_cosine(bank)
+        return np.array(entry_rates(state, direction, density, (1 / 270, 0.24 / 270), (4.2828e13, rotation_rate), 1.0))
 
     def target(state):
         arguments = (state[i] for i in (LONGITUDE, LATITUDE, RADIUS, VELOCITY, PATH_ANGLE, AZIMUTH))
-        return targeting(*arguments, rotation_rate, *TARGET)
+        return targeting(*arguments, rotation_rate, TARGET[0], sine_cosine(TARGET[1]))
 
     step = 1.0 / substeps
     for _ in range(seconds):

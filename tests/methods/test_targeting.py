@@ -3,14 +3,30 @@ import numpy as np
 import pytest
 from numba import njit
 
-from marsedl.methods.guidance.targeting import require_target_ahead, targeting
+from marsedl.elementary import sine_cosine
+from marsedl.methods.guidance.targeting import require_target_ahead
+from marsedl.methods.guidance.targeting import targeting as targeting_of
 
 PLANET_RADIUS, ROTATION_RATE = 3.397e6, 7.0882e-5
 
 
-@njit
-def compiled(*arguments):
-    return targeting(*arguments)
+def targeting(
+    longitude,
+    latitude,
+    radius,
+    velocity,
+    flight_path_angle,
+    azimuth,
+    rotation_rate,
+    target_longitude,
+    target_latitude,
+):
+    """Of the target's latitude itself."""
+    vehicle = longitude, latitude, radius, velocity, flight_path_angle, azimuth
+    return targeting_of(*vehicle, rotation_rate, target_longitude, sine_cosine(target_latitude))
+
+
+compiled = njit(targeting)
 
 
 def rotation(angle):
@@ -86,6 +102,7 @@ def test_numba_casadi_and_numpy_agree():
     traced = casadi.Function("angles", [symbols], [angles]).map(200)(arguments).full()
     np.testing.assert_allclose([compiled(*point) for point in arguments.T], broadcast.T, rtol=0, atol=2e-15)
     np.testing.assert_allclose(traced, broadcast, rtol=0, atol=2e-15)
+    assert [compiled(*point) for point in arguments.T] == [targeting(*point) for point in arguments.T]
 
 
 def test_nominal_entry_state():

@@ -4,8 +4,9 @@ import math
 import numpy as np
 import pytest
 
+from marsedl.elementary import sine_cosine
 from marsedl.methods.taylor import Series
-from marsedl.models.dynamics.entry import entry_rates_from_sines
+from marsedl.models.dynamics.entry import entry_rates
 
 
 def factorials(order):
@@ -113,8 +114,8 @@ def rates(deviation):
         b + s * d for b, s, d in zip(base, SCALES, deviation, strict=True)
     )
     density = 0.0158 * np.exp((3389.5e3 - radius) / 9354.5)
-    sines = [(np.sin(angle), np.cos(angle)) for angle in (latitude, path, azimuth, bank)]
-    return entry_rates_from_sines(radius, velocity, *sines, density, (3.7e-3, 9e-4), (4.2828e13, 7.0882e-5), 1.0)
+    state = radius, 0.0, latitude, velocity, path, azimuth
+    return entry_rates(state, sine_cosine(bank), density, (3.7e-3, 9e-4), (4.2828e13, 7.0882e-5), 1.0)
 
 
 def test_entry_rates_to_first_order_are_the_jacobian():

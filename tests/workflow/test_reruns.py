@@ -215,7 +215,7 @@ def test_the_code_of_a_stage_is_what_it_can_reach(slug):
 
 
 def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(project):
-    project.edit(f"{PACKAGE}/montecarlo/elementary.py", "s = f / (2.0 + f)", "s = f / (f + 2.0)")  # the logarithm
+    project.edit(f"{PACKAGE}/elementary.py", "s = f / (2.0 + f)", "s = f / (f + 2.0)")  # the logarithm
     plan = project.edited()
     assert plan.papers == {slug for slug in SLUGS if "montecarlo" in catalogue(slug).stages}
     for slug in plan.papers:

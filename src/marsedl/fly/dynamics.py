@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.compiling import jitable
-from marsedl.models.dynamics.entry import entry_rates_from_sines
+from marsedl.elementary import arctangent, clip, exponential, select, sine_cosine
+from marsedl.models.dynamics import entry
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.elementary import arctangent, exponential, sine_cosine
 from marsedl.montecarlo.flights import Flight
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
@@ -70,12 +69,9 @@ def look_up(state, air, p) -> Air:
 def entry_rates(state, found, command: Bank, vehicle, p) -> EntryState:
     """Entry of a gliding point mass over a rotating sphere (`models.dynamics.entry`)."""
     drag = 0.5 / vehicle.ballistic_coefficient
-    altitude, longitude, latitude, velocity, flight_path_angle, azimuth = entry_rates_from_sines(
-        p.radius + state.altitude,
-        state.velocity,
-        sine_cosine(state.latitude),
-        sine_cosine(state.flight_path_angle),
-        sine_cosine(state.azimuth),
+    place = (p.radius + state.altitude, state.longitude, state.latitude)
+    altitude, longitude, latitude, velocity, flight_path_angle, azimuth = entry.entry_rates(
+        (*place, state.velocity, state.flight_path_angle, state.azimuth),
         sine_cosine(command.bank),
         exponential(found.log_density) * found.factor,
         (drag, vehicle.lift_to_drag * drag),
@@ -111,7 +107,6 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
     )
 
 
-@jitable
 def entry_watch(watched, sensed) -> EntryWatched:
     """Largest aerodynamic load, lowest and highest altitude."""
     load = np.sqrt(sensed.drag * sensed.drag + sensed.lift * sensed.lift)
@@ -201,9 +196,8 @@ def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
     Without propellant there is no thrust.
     """
     wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
-    given = vehicle.smallest_thrust if wanted < vehicle.smallest_thrust else wanted
-    given = vehicle.largest_thrust if given > vehicle.largest_thrust else given
-    scale = vehicle.thrust_scale * given / wanted if state.mass > p.dry_mass else 0.0
+    given = clip(wanted, vehicle.smallest_thrust, vehicle.largest_thrust)
+    scale = select(state.mass > p.dry_mass, vehicle.thrust_scale * given / wanted, 0.0)
     changes = powered_descent_rates(
         state,
         (scale * command.thrust_downrange, scale * command.thrust_vertical),

@@ -332,7 +332,7 @@ def completed(flight, law, trigger):
 
 def _of_table(against, columns, commanded, told, command, returns):
     """Functions of a gain table: `consult`, which reads it, and `guide`."""
-    from marsedl.montecarlo.elementary import arc_cosine
+    from marsedl.elementary import arc_cosine
 
     advice = namedtuple("Advice", columns)
     rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))

@@ -1,6 +1,9 @@
 """Exact linear models x' = A x + B u + c of any equation set along a trajectory, by automatic differentiation."""
 
+import re
+import traceback
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,17 +25,34 @@ class LinearModel(NamedTuple):
 
 @contextmanager
 def symbols_in_numpy(casadi):
-    """Let `np.sqrt` and the like return plain symbols (CasADi 3.8 warns once otherwise; 3.7 has no such option)."""
+    """Let functions of numbers take symbols: `np.sqrt` and the like return plain ones (CasADi 3.8 warns otherwise).
+
+    Raises TypeError with file and line for what asks a symbol for its value: a branch, `min`, an index.
+    """
     options = casadi.GlobalOptions
-    if not hasattr(options, "setNumpyMode"):
-        yield
-        return
-    before = options.getNumpyMode()
-    options.setNumpyMode(-1)
+    has_mode = hasattr(options, "setNumpyMode")  # 3.7 has no such option
+    before = has_mode and options.getNumpyMode()
+    if has_mode:
+        options.setNumpyMode(-1)
     try:
         yield
+    except RuntimeError as error:
+        if not re.search("truth value|to_int not defined", str(error)):
+            raise
+        raise _untraceable(error) from None
     finally:
-        options.setNumpyMode(before)
+        if has_mode:
+            options.setNumpyMode(before)
+
+
+def _untraceable(error):
+    frames = traceback.extract_tb(error.__traceback__)
+    frame = [frame for frame in frames if "casadi" not in Path(frame.filename).parts][-1]
+    return TypeError(
+        f"{frame.filename}, line {frame.lineno}, in {frame.name}: `{frame.line}` asks a symbol of CasADi for its "
+        "value; choose by select(condition, a, b) or clip(x, low, high) of marsedl.elementary in place of a branch, "
+        "by np.minimum and np.maximum in place of min and max, and look tables up outside"
+    )
 
 
 def symbol_kind(rates, arguments):
@@ -59,7 +79,8 @@ def linearize(rates, states, controls, parameters=()):
 
     Args:
         rates: plain function of scalars, `rates(*state, *control, *parameters)`, returning the n time derivatives as a
-            tuple. It may use arithmetic and `np.*` only (`math.*` cannot be traced).
+            tuple. It may use arithmetic, `np.*` and `marsedl.elementary` only (`math.*` and branches cannot
+            be traced).
         states: states along the trajectory, (k, n).
         controls: controls along the trajectory, (k, m); m may be 0.
         parameters: sequence of further arguments of `rates`, each a scalar or an array (k,) along the trajectory.
@@ -69,6 +90,7 @@ def linearize(rates, states, controls, parameters=()):
 
     Raises:
         ValueError: if shapes do not fit, or if a rate or derivative is not finite at some point.
+        TypeError: for a branch that cannot be traced, with its file and line.
     """
     import casadi
 

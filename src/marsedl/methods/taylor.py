@@ -14,10 +14,13 @@ __all__ = ["Series"]
 class Series(np.lib.mixins.NDArrayOperatorsMixin):
     """Truncated power series a(s) = a_0 + a_1 s + ... + a_n s^n, with the arithmetic of the numbers that it stands for.
 
-    A function written with operators and the universal functions sin, cos, tan, exp, log, sqrt, square, reciprocal and
-    power (integer or real constant exponent) of numpy accepts a Series in place of a number and returns the series of
-    the composition. Along the ray x_0 + s d, the coefficient i is then the homogeneous part of degree i of the
-    multivariate Taylor polynomial at x_0, evaluated at d.
+    A function written with operators and the universal functions sin, cos, tan, arccos, arctan2, exp, log, sqrt,
+    square, reciprocal and power (integer or real constant exponent) of numpy accepts a Series in place of a number and
+    returns the series of the composition. Along the ray x_0 + s d, the coefficient i is then the homogeneous part of
+    degree i of the multivariate Taylor polynomial at x_0, evaluated at d.
+
+    What decides (comparisons, int, absolute, maximum, minimum, `elementary.select`) decides by the value at s = 0, so
+    that the series is that of the branch which is taken there: tables are looked up, and limits hold.
 
     A series is not changed after its construction. Arrays and numbers of either side of an operator are constants
     that broadcast over the trailing axes.
@@ -72,6 +75,16 @@ class Series(np.lib.mixins.NDArrayOperatorsMixin):
         for coefficient in self.coefficients[-2::-1]:
             value = value * point + coefficient
         return value
+
+    @staticmethod
+    def chosen(condition, yes, no):
+        """What `elementary.select` returns: yes where the condition holds, no elsewhere; one or both are series."""
+        like = yes if isinstance(yes, Series) else no
+        return Series(np.where(condition, *_aligned(_as_series(yes, like), _as_series(no, like))))
+
+    def __int__(self):
+        """Return the whole part of the value at s = 0."""
+        return int(self.coefficients[0])
 
     def __repr__(self):
         """Show the coefficients."""
@@ -318,7 +331,40 @@ def _integer_power(a, exponent):
     return square if exponent % 2 == 0 else _multiply(square, a)
 
 
+def _as_series(value, like):
+    """A number or array as the series that is constant, of the order of another one."""
+    if isinstance(value, Series):
+        return value
+    value = np.asarray(value)
+    coefficients = np.zeros((like.order + 1, *value.shape), np.result_type(value, 0.0))
+    coefficients[0] = value
+    return Series(coefficients)
+
+
+def _arctan2(y, x):
+    """From t' = (x y' - y x') / (x x + y y)."""
+    like = y if isinstance(y, Series) else x
+    y, x = _as_series(y, like), _as_series(x, like)
+    along_y, along_x = (Series(_times_index(part.coefficients)) for part in (y, x))
+    out = ((x * along_y - y * along_x) / (x * x + y * y)).coefficients
+    out[0] = np.arctan2(y.coefficients[0], x.coefficients[0])
+    for k in range(2, len(out)):
+        out[k] /= k
+    return Series(out)
+
+
+def _by_value(function):
+    """A function that decides by the values at s = 0."""
+    return lambda *operands: function(*(a.coefficients[0] if isinstance(a, Series) else a for a in operands))
+
+
 _FUNCTIONS = {
+    **{f: _by_value(f) for f in (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)},
+    np.maximum: lambda a, b: Series.chosen(a > b, a, b),
+    np.minimum: lambda a, b: Series.chosen(a < b, a, b),
+    np.absolute: lambda a: Series.chosen(a < 0.0, -a, a),
+    np.arctan2: _arctan2,
+    np.arccos: lambda a: _arctan2(_sqrt((1.0 - a) * (1.0 + a)), a),
     np.add: _add,
     np.subtract: _subtract,
     np.multiply: _multiply,

@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from marsedl.montecarlo.elementary import logarithm, sine_cosine_of_turn
+from marsedl.elementary import logarithm, sine_cosine_of_turn
 from marsedl.montecarlo.lanes import LANES, inline_njit
 
 NORMALS_PER_BLOCK = 4

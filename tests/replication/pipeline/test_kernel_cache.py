@@ -136,7 +136,7 @@ def test_an_edit_of_a_kernel_has_another_folder_and_one_of_a_claim_has_not(tmp_p
         ("papers/funnels/claims/measures.py", "EDITED = 1", True),
         ("replication/report/contents.py", "EDITED = 1", True),
         ("models/heating.py", "EDITED = 1", True),  # which nothing reaches
-        ("montecarlo/elementary.py", "np.seterr(all='raise')", False),
+        ("elementary.py", "np.seterr(all='raise')", False),
     ):
         with (copy / "marsedl" / name).open("a", encoding="utf-8") as file:
             file.write(f"\n{text}\n")

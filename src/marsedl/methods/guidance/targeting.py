@@ -3,8 +3,9 @@
 import numpy as np
 
 from marsedl.compiling import jitable
+from marsedl.elementary import arctangent, select, sine_cosine
 
-__all__ = ["require_target_ahead", "target_direction_from_sines", "targeting", "targeting_from_sines"]
+__all__ = ["require_target_ahead", "targeting"]
 
 
 @jitable
@@ -39,57 +40,17 @@ def targeting(
         velocity: planet-relative, m/s.
         flight_path_angle, azimuth: planet-relative, the azimuth clockwise from north, rad.
         rotation_rate: $\Omega$, rad/s.
-        target_longitude, target_latitude: rad.
+        target_longitude: rad.
+        target_latitude: its sine and cosine, which a flight computes once.
 
     Returns:
         Tuple of the downrange angle (rad, negative once the target is passed) and the crossrange angle (rad, positive
         while the target is left of the orbit plane). Times a reference radius they are distances.
     """
-    return targeting_from_sines(
-        radius,
-        velocity,
-        (np.sin(latitude), np.cos(latitude)),
-        (np.sin(target_longitude - longitude), np.cos(target_longitude - longitude)),
-        np.cos(flight_path_angle),
-        (np.sin(azimuth), np.cos(azimuth)),
-        rotation_rate,
-        (np.sin(target_latitude), np.cos(target_latitude)),
-    )
-
-
-@jitable
-def targeting_from_sines(
-    radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
-):
-    """The same from sines and cosines; arguments as of `target_direction_from_sines`, returns as `targeting`."""
-    downrange, crossrange, ahead = target_direction_from_sines(
-        radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
-    )
-    return np.arctan2(*downrange) * (1.0 - 2.0 * (ahead < 0.0)), np.arctan2(*crossrange)
-
-
-@jitable
-def target_direction_from_sines(
-    radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
-):
-    """Both angles before their arctangents, which a kernel computes for many trials at once.
-
-    Args:
-        radius, velocity: m, m/s.
-        latitude: sine and cosine of the vehicle's latitude.
-        to_target: sine and cosine of the target's longitude from the vehicle's.
-        cos_flight_path_angle: of the planet-relative velocity.
-        azimuth: sine and cosine of its azimuth.
-        rotation_rate: Omega, rad/s.
-        target_latitude: sine and cosine of the target's latitude.
-
-    Returns:
-        Sine and cosine of |delta_go|; of eps; and the target's component along the velocity, which has the sign of
-        delta_go.
-    """
-    sin_latitude, cos_latitude = latitude
-    sin_to_target, cos_to_target = to_target
-    sin_azimuth, cos_azimuth = azimuth
+    sin_latitude, cos_latitude = sine_cosine(latitude)
+    sin_to_target, cos_to_target = sine_cosine(target_longitude - longitude)
+    _, cos_flight_path_angle = sine_cosine(flight_path_angle)
+    sin_azimuth, cos_azimuth = sine_cosine(azimuth)
     sin_target_latitude, cos_target_latitude = target_latitude
     along_meridian = cos_target_latitude * cos_to_target
     up = cos_latitude * along_meridian + sin_latitude * sin_target_latitude
@@ -103,7 +64,8 @@ def target_direction_from_sines(
     ahead = (east * velocity_east + north * velocity_north) * inverse_speed
     leftward = (north * velocity_east - east * velocity_north) * inverse_speed
 
-    return (np.sqrt(east * east + north * north), up), (leftward, np.sqrt(up * up + ahead * ahead)), ahead
+    distance = arctangent(np.sqrt(east * east + north * north), up)
+    return select(ahead < 0.0, -distance, distance), arctangent(leftward, np.sqrt(up * up + ahead * ahead))
 
 
 def require_target_ahead(downrange_angle):

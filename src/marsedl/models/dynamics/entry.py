@@ -3,12 +3,12 @@
 import numpy as np
 
 from marsedl.compiling import jitable
+from marsedl.elementary import sine_cosine
 
 __all__ = [
     "aerodynamic_coefficients",
     "aerodynamic_factor",
     "entry_rates",
-    "entry_rates_from_sines",
     "reference_area",
 ]
 
@@ -59,9 +59,7 @@ def aerodynamic_factor(coefficient, reference_area, mass):
 
 
 @jitable
-def entry_rates_from_sines(
-    radius, velocity, latitude, flight_path_angle, azimuth, bank, density, aerodynamics, planet, heading_sign
-):
+def entry_rates(state, bank, density, aerodynamics, planet, heading_sign):
     r"""Time derivatives of the entry state in planet-relative coordinates (stochastic entry guidance, Eqs. 1a to 1f).
 
         $\dot{r} = V \, \sin\gamma$
@@ -81,15 +79,12 @@ def entry_rates_from_sines(
     as theta' and phi' show, so s = +1. Eq. 1f prints s = -1, for which vacuum flight keeps neither inertial energy nor
     angular momentum.
 
-    No function is called and every quotient shares a reciprocal, so that a loop over trials becomes vector code.
-
     Args:
-        radius: r, m.
-        velocity: V, planet-relative, m/s.
-        latitude: sine and cosine of phi.
-        flight_path_angle: sine and cosine of gamma, planet-relative, positive while climbing.
-        azimuth: sine and cosine of psi, the planet-relative heading, clockwise from north.
-        bank: sine and cosine of sigma; a positive bank turns the heading clockwise.
+        state: radius r (m), longitude theta (rad; the rates do not depend on it), latitude phi (rad), planet-relative
+            velocity V (m/s), flight path angle gamma (rad, planet-relative, positive while climbing) and azimuth psi
+            (rad, the planet-relative heading, clockwise from north).
+        bank: sine and cosine of sigma, which a flight computes once a command; a positive bank turns the heading
+            clockwise.
         density: rho, kg/m^3.
         aerodynamics: drag and lift factor k_D, k_L, m^2/kg (`aerodynamic_factor`).
         planet: gravitational parameter mu, m^3/s^2, and rotation rate W, rad/s.
@@ -98,6 +93,29 @@ def entry_rates_from_sines(
     Returns:
         Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
         (rad/s).
+    """
+    radius, _, latitude, velocity, flight_path_angle, azimuth = state
+    return rates_of_directions(
+        radius,
+        velocity,
+        sine_cosine(latitude),
+        sine_cosine(flight_path_angle),
+        sine_cosine(azimuth),
+        bank,
+        density,
+        aerodynamics,
+        planet,
+        heading_sign,
+    )
+
+
+@jitable
+def rates_of_directions(
+    radius, velocity, latitude, flight_path_angle, azimuth, bank, density, aerodynamics, planet, heading_sign
+):
+    """The rates of `entry_rates`, of sines and cosines in place of angles, whatever an azimuth is counted from.
+
+    No function is called and every quotient shares a reciprocal, so that a loop over trials becomes vector code.
     """
     sin_latitude, cos_latitude = latitude
     sin_flight_path_angle, cos_flight_path_angle = flight_path_angle
@@ -145,36 +163,4 @@ def entry_rates_from_sines(
         velocity_rate,
         path_rate,
         heading_rate,
-    )
-
-
-@jitable
-def entry_rates(state, bank, density, aerodynamics, planet, heading_sign):
-    """Time derivatives of the entry state as `entry_rates_from_sines`, from the angles.
-
-    Args:
-        state: radius (m), longitude (rad; the rates do not depend on it), latitude (rad), velocity (m/s), flight path
-            angle and azimuth (rad).
-        bank: rad.
-        density: kg/m^3.
-        aerodynamics: drag and lift factor, m^2/kg.
-        planet: gravitational parameter, m^3/s^2, and rotation rate, rad/s.
-        heading_sign: +1, or -1 for Eq. 1f as printed.
-
-    Returns:
-        Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
-        (rad/s).
-    """
-    radius, _, latitude, velocity, flight_path_angle, azimuth = state
-    return entry_rates_from_sines(
-        radius,
-        velocity,
-        (np.sin(latitude), np.cos(latitude)),
-        (np.sin(flight_path_angle), np.cos(flight_path_angle)),
-        (np.sin(azimuth), np.cos(azimuth)),
-        (np.sin(bank), np.cos(bank)),
-        density,
-        aerodynamics,
-        planet,
-        heading_sign,
     )

@@ -3,7 +3,8 @@
 import numpy as np
 
 from marsedl.compiling import jitable
-from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
+from marsedl.elementary import sine_cosine
+from marsedl.models.dynamics.planar_entry import planar_entry_rates
 
 __all__ = ["density_noise_intensity", "longitudinal_entry_rates"]
 
@@ -49,9 +50,9 @@ def longitudinal_entry_rates(
         (kg/(m^3 s)).
     """
     radius, velocity, flight_path_angle, _, density = state
-    sin_path, cos_path = np.sin(flight_path_angle), np.cos(flight_path_angle)
-    climb, velocity_rate, path_rate = planar_entry_rates_from_sines(
-        radius, velocity, sin_path, cos_path, bank_cosine, density, drag_factor, lift_factor, gravitational_parameter
+    _, cos_path = sine_cosine(flight_path_angle)
+    climb, velocity_rate, path_rate = planar_entry_rates(
+        radius, velocity, flight_path_angle, bank_cosine, density, drag_factor, lift_factor, gravitational_parameter
     )
     return (
         climb,

@@ -1,18 +1,16 @@
 """Flight of a gliding point mass in a vertical plane over a spherical planet at rest, Eq. 71 of random field."""
 
-import numpy as np
-
 from marsedl.compiling import jitable
+from marsedl.elementary import sine_cosine
 
-__all__ = ["planar_entry_rates", "planar_entry_rates_from_sines"]
+__all__ = ["planar_entry_rates"]
 
 
 @jitable
-def planar_entry_rates_from_sines(
+def planar_entry_rates(
     radius,
     velocity,
-    sin_path,
-    cos_path,
+    flight_path_angle,
     bank_cosine,
     density,
     drag_factor,
@@ -31,7 +29,7 @@ def planar_entry_rates_from_sines(
     Args:
         radius: r, m.
         velocity: V, m/s.
-        sin_path, cos_path: of gamma, positive while climbing.
+        flight_path_angle: gamma, rad, positive while climbing.
         bank_cosine: u, cosine of the bank angle, 1.
         density: rho, kg/m^3.
         drag_factor, lift_factor: k_D = 1/(2 B_c) and k_L = (L/D)/(2 B_c) for the ballistic coefficient B_c, m^2/kg.
@@ -40,48 +38,11 @@ def planar_entry_rates_from_sines(
     Returns:
         Tuple of the rates of radius (m/s), velocity (m/s^2) and flight path angle (rad/s).
     """
+    sin_path, cos_path = sine_cosine(flight_path_angle)
     gravity = gravitational_parameter / (radius * radius)
     mass_flux = density * velocity
     return (
         velocity * sin_path,
         -drag_factor * mass_flux * velocity - gravity * sin_path,
         lift_factor * mass_flux * bank_cosine - (gravity / velocity - velocity / radius) * cos_path,
-    )
-
-
-@jitable
-def planar_entry_rates(
-    radius,
-    velocity,
-    flight_path_angle,
-    bank_cosine,
-    density,
-    drag_factor,
-    lift_factor,
-    gravitational_parameter,
-):
-    """Time derivatives as `planar_entry_rates_from_sines`, from the angle (random field, Eqs. 71a to 71c).
-
-    Args:
-        radius: m.
-        velocity: m/s.
-        flight_path_angle: rad, positive while climbing.
-        bank_cosine: 1.
-        density: kg/m^3.
-        drag_factor, lift_factor: m^2/kg.
-        gravitational_parameter: m^3/s^2.
-
-    Returns:
-        Tuple of the rates of radius (m/s), velocity (m/s^2) and flight path angle (rad/s).
-    """
-    return planar_entry_rates_from_sines(
-        radius,
-        velocity,
-        np.sin(flight_path_angle),
-        np.cos(flight_path_angle),
-        bank_cosine,
-        density,
-        drag_factor,
-        lift_factor,
-        gravitational_parameter,
     )

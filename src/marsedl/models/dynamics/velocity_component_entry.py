@@ -3,14 +3,13 @@
 import numpy as np
 
 from marsedl.compiling import jitable
+from marsedl.elementary import sine_cosine
 
-__all__ = ["velocity_component_entry_rates", "velocity_component_entry_rates_from_sines"]
+__all__ = ["velocity_component_entry_rates"]
 
 
 @jitable
-def velocity_component_entry_rates_from_sines(
-    altitude, latitude, velocity, bank, bank_rate, bank_acceleration, density, vehicle, planet
-):
+def velocity_component_entry_rates(state, bank_acceleration, density, vehicle, planet):
     r"""Time derivatives of position, velocity and bank of a capsule that is steered by its bank angle (Eqs. 1 and 2).
 
         $\dot{h} = v_r, \quad \dot{\phi} = \frac{v_n}{r}, \quad \dot{\theta} = \frac{v_e}{r \, \cos\phi}, \quad r =
@@ -30,15 +29,12 @@ def velocity_component_entry_rates_from_sines(
     so a positive bank turns an eastward flight to the south. The longitude enters no rate.
 
     Written as a slowing s and a turn rate q, that of the heading clockwise, the horizontal components are
-    v_n' = -s v_n - q v_e and v_e' = -s v_e + q v_n. No function but the square root is called and quotients share
-    reciprocals, so that a loop over trials becomes vector code.
+    v_n' = -s v_n - q v_e and v_e' = -s v_e + q v_n. Quotients share reciprocals, so that a loop over trials becomes
+    vector code.
 
     Args:
-        altitude: h, m.
-        latitude: sine and cosine of phi.
-        velocity: its radial, north and east component v_r, v_n, v_e, m/s; not straight up or down.
-        bank: sine and cosine of xi.
-        bank_rate: xi', rad/s.
+        state: altitude h (m), latitude phi, longitude theta (rad; the rates do not depend on it), radial, north and
+            east velocity v_r, v_n, v_e (m/s; not straight up or down), bank xi (rad) and bank rate xi' (rad/s).
         bank_acceleration: u, rad/s^2.
         density: rho, kg/m^3.
         vehicle: ballistic coefficient BC, kg/m^2, and lift-to-drag ratio L/D, 1.
@@ -48,9 +44,9 @@ def velocity_component_entry_rates_from_sines(
         Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
         (rad/s) and bank rate (rad/s^2).
     """
-    sin_latitude, cos_latitude = latitude
-    radial_velocity, north_velocity, east_velocity = velocity
-    sin_bank, cos_bank = bank
+    altitude, latitude, _, radial_velocity, north_velocity, east_velocity, bank, bank_rate = state
+    sin_latitude, cos_latitude = sine_cosine(latitude)
+    sin_bank, cos_bank = sine_cosine(bank)
     ballistic_coefficient, lift_to_drag = vehicle
     gravitational_parameter, planet_radius = planet
     inverse_radius = 1.0 / (planet_radius + altitude)
@@ -84,35 +80,4 @@ def velocity_component_entry_rates_from_sines(
         -slowing * east_velocity + turn_rate * north_velocity,
         bank_rate,
         bank_acceleration,
-    )
-
-
-@jitable
-def velocity_component_entry_rates(state, bank_acceleration, density, vehicle, planet):
-    """Time derivatives as `velocity_component_entry_rates_from_sines`, from the angles (Eqs. 1 and 2).
-
-    Args:
-        state: altitude (m), latitude, longitude (rad; the rates do not depend on it), radial, north and east velocity
-            (m/s; not straight up or down), bank (rad) and bank rate (rad/s); a positive bank turns the heading
-            clockwise.
-        bank_acceleration: rad/s^2.
-        density: kg/m^3.
-        vehicle: ballistic coefficient, kg/m^2, and lift-to-drag ratio, 1.
-        planet: gravitational parameter, m^3/s^2, and radius, m.
-
-    Returns:
-        Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
-        (rad/s) and bank rate (rad/s^2).
-    """
-    altitude, latitude, _, radial_velocity, north_velocity, east_velocity, bank, bank_rate = state
-    return velocity_component_entry_rates_from_sines(
-        altitude,
-        (np.sin(latitude), np.cos(latitude)),
-        (radial_velocity, north_velocity, east_velocity),
-        (np.sin(bank), np.cos(bank)),
-        bank_rate,
-        bank_acceleration,
-        density,
-        vehicle,
-        planet,
     )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from marsedl.compiling import jitable
-from marsedl.models.dynamics.entry import entry_rates_from_sines
+from marsedl.models.dynamics.entry import rates_of_directions
 
 __all__ = ["vinh_entry_rates"]
 
@@ -35,7 +35,7 @@ def vinh_entry_rates(
           \, \cos\psi}{\cos\gamma}$
 
     with r = R + h, g = mu/r^2, D/m = k_D rho V^2, L/m = k_L rho V^2, W the rotation rate. The paper abbreviates the
-    Coriolis and centrifugal terms and leaves out that of V'. They are those of `entry_rates_from_sines`, whose azimuth
+    Coriolis and centrifugal terms and leaves out that of V'. They are those of `entry_rates`, whose azimuth
     is pi/2 - psi.
 
     Args:
@@ -54,7 +54,7 @@ def vinh_entry_rates(
         heading (rad/s).
     """
     altitude, _, latitude, velocity, flight_path_angle, heading = state
-    climb, longitude_rate, latitude_rate, velocity_rate, path_rate, azimuth_rate = entry_rates_from_sines(
+    climb, longitude_rate, latitude_rate, velocity_rate, path_rate, azimuth_rate = rates_of_directions(
         planet_radius + altitude,
         velocity,
         (np.sin(latitude), np.cos(latitude)),

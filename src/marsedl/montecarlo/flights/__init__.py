@@ -24,8 +24,9 @@ guide was asked since the last stored state), ending (1.0 at the end of the sche
 for which.
 
 All but `look_up` and `consult` should choose by `a if condition else b`, without loops over tables: then the loops over
-trials become vector code. They may call what `jitable` or `inline_njit` marks. `Flight.fly` flies compiled,
-`Flight.fly_in_python` one trial by the functions as they are written, bit for bit the same.
+trials become vector code. They may call plain functions of yours, and those of `marsedl.elementary`, whose `select`
+and `clip` CasADi traces, too. `Flight.fly` flies compiled, `Flight.fly_in_python` one trial by the functions as they
+are written, bit for bit the same.
 """
 
 from marsedl.montecarlo.flights.binding import OFFERED, Nothing

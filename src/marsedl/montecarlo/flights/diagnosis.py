@@ -33,21 +33,39 @@ def explained(error, flight, arguments, options):
     """
     p, schedule, start = arguments
     flight.fly_in_python(p, schedule.first_period(), start, trial=options.get("first_trial", 0), **options)
-    message = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
-    places = re.findall(r'File "([^"]+)", line (\d+)|Raised from (\S+) \((\d+)\)', message)
-    places = [(a or b, line or other) for a, line, b, other in places]
-    places = [place for place in places if "marsedl/montecarlo/flights" not in place[0] and place[0] != "<string>"]
-    file, line = places[-1] if places else ("the model", "?")
-    reasons = [
-        text.strip() for text in message.splitlines() if text.strip() and not text.startswith((" ", "During", "File"))
-    ]
-    reason = next(
-        (text for text in reasons if not text.startswith("Failed in nopython")), reasons[0] if reasons else ""
-    )
+    where, reason = _innermost(re.sub(r"\x1b\[[0-9;]*m", "", str(error)))
     return TypeError(
-        f"numba cannot compile {file}, line {line}: {reason}. Write the model with numbers, NamedTuples, arrays and "
-        "the functions of numpy that numba knows"
+        f"numba cannot compile {where}: {reason}. Write the model with numbers, NamedTuples, arrays and the functions "
+        "of numpy that numba knows"
     )
+
+
+def _innermost(message):
+    """Where in the model, helpers included, numba met what it cannot compile, and what it says of that.
+
+    Numba tells an error of a helper indented, before the place that called it.
+    """
+    places = [
+        place
+        for place in re.finditer(r'^( *)File "([^"]+)", line (\d+):(?:\n *def (\w+))?', message, re.MULTILINE)
+        if not re.search(r"marsedl/(montecarlo/|elementary|compiling)|^<string>$", place[2])
+    ]
+    if not places:
+        raised = re.search(r"Raised from (\S+) \((\d+)\)", message)
+        return f"{raised[1]}, line {raised[2]}" if raised else "the model, line ?", _reason(message)
+    place = max(places, key=lambda place: len(place[1]))  # the first of those
+    name = f", in {place[4]}" if place[4] else ""
+    return f"{place[2]}, line {place[3]}{name}", _reason(message[: place.start()])
+
+
+def _reason(message):
+    """The last thing that went wrong: what an error says that is no mere consequence of another one."""
+    text = message.rpartition("Failed in nopython mode pipeline (step: nopython frontend)")[2]
+    if specific := re.findall(r"\w+Error: +(?!Failed)(\S.*\S)", text):
+        return specific[-1]
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(("During", "File"))]
+    signature = next((line.removeprefix(">>>") for line in lines if line.startswith(">>>")), "")
+    return f"{lines[0]}{signature}" if lines else ""
 
 
 def warn_of_scalar_loops(flight, roles, p, law, vehicle_class):

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.compiling import jitable
+from marsedl.elementary import clip, exponential
 from marsedl.models.atmosphere import log_density_in_cells
-from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates_from_sines
-from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
@@ -132,7 +131,6 @@ def look_up(state, p) -> Density:
     )
 
 
-@jitable
 def _commanded(state, control, gain):
     """Bank acceleration u = u* + K (y - y*) before its bound (Sec. 3)."""
     return (
@@ -148,35 +146,15 @@ def _commanded(state, control, gain):
     )
 
 
-@jitable
-def _bounded(command, bound):
-    limited = -bound if command < -bound else command
-    return bound if limited > bound else limited
-
-
-@jitable
-def _vehicle_rates(state, bank_acceleration, density, constants):
-    """Eqs. 1 and 2, of the trial or the nominal."""
-    altitude, latitude, _, radial_velocity, north_velocity, east_velocity, bank, bank_rate = state
-    return velocity_component_entry_rates_from_sines(
-        altitude,
-        sine_cosine(latitude),
-        (radial_velocity, north_velocity, east_velocity),
-        sine_cosine(bank),
-        bank_rate,
-        bank_acceleration,
-        density,
-        (constants.ballistic_coefficient, constants.lift_to_drag),
-        (constants.gravitational_parameter, constants.planet_radius),
-    )
-
-
 def rates(state, found, command, vehicle, p) -> State:
     """The trial, its integral of |u|, and the nominal."""
-    flown = _bounded(_commanded(state, command, p.gain), p.settings.bank_acceleration_bound)
-    density = exponential(found.log_mean) * vehicle.factor
-    trial = _vehicle_rates(state[:STATES], flown, density, p.settings)
-    nominal = _vehicle_rates(state[STORED:], command.nominal, exponential(found.nominal_log_mean), p.settings)
+    bound, constants = p.settings.bank_acceleration_bound, p.settings
+    flown = clip(_commanded(state, command, p.gain), -bound, bound)
+    density, around_nominal = exponential(found.log_mean) * vehicle.factor, exponential(found.nominal_log_mean)
+    body = constants.ballistic_coefficient, constants.lift_to_drag
+    planet = constants.gravitational_parameter, constants.planet_radius
+    trial = velocity_component_entry_rates(state[:STATES], flown, density, body, planet)
+    nominal = velocity_component_entry_rates(state[STORED:], command.nominal, around_nominal, body, planet)
     return State(*trial, abs(flown), *nominal)
 
 
@@ -185,11 +163,11 @@ def ended(state) -> bool:
     return state.altitude < 0.0
 
 
-@jitable
 def observe(state, command, p) -> Observed:
     """Bank acceleration as flown, and the magnitude of the one commanded."""
     commanded = _commanded(state, command, p.gain)
-    return Observed(_bounded(commanded, p.settings.bank_acceleration_bound), abs(commanded))
+    bound = p.settings.bank_acceleration_bound
+    return Observed(clip(commanded, -bound, bound), abs(commanded))
 
 
 def watch(watched, state, command, p) -> Observed:

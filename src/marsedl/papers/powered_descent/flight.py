@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.ensembles import pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing
@@ -145,7 +144,6 @@ class Observed(NamedTuple):
     depth: float = -np.inf  # below the ground, m
 
 
-@jitable
 def scheduled_thrust(half_index, state, schedule):
     """u = u_ff - K (x - mean) (Eq. 24)."""
     i, k, mean, feedforward = half_index, schedule.gain, schedule.mean, schedule.feedforward
@@ -162,7 +160,6 @@ def command(half_index, state, p) -> tuple[Thrust, Nothing]:
     return scheduled_thrust(half_index, state, p.schedule), ()
 
 
-@jitable
 def held_rates(half_index, state, command, noise, p) -> State:
     """Eqs. 1, 2 and 49 under a held thrust, with the vehicle's own mass or the prior one."""
     prior_mass, density = p.schedule.prior_mass, p.plant.noise_density
@@ -184,7 +181,6 @@ def rates(half_index, state, noise, p) -> State:
     return held_rates(half_index, state, scheduled_thrust(half_index, state, p.schedule), noise, p)
 
 
-@jitable
 def observe(state, command) -> Observed:
     """Thrust and depth at a step."""
     return Observed(thrust_magnitude(command.downrange, command.vertical), -state.altitude)

@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from marsedl.compiling import jitable
+from marsedl.elementary import clip, exponential
 from marsedl.models.atmosphere import log_density_in_cells, node_below, uniform_cells
 from marsedl.models.density_variation import density_factor, is_floored
-from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
-from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
 from marsedl.montecarlo.lanes import LANES, lane_array
@@ -208,14 +207,12 @@ def look_up(state, air, p) -> Density:
 
 def rates(state, found, command, p) -> State:
     """Eq. 71 in the density of Eq. 72."""
-    sin_path, cos_path = sine_cosine(state.path_angle)
     density = exponential(found.log_mean) * density_factor(found.variation, p.density_floor)
     return State(
-        *planar_entry_rates_from_sines(
+        *planar_entry_rates(
             state.radius,
             state.velocity,
-            sin_path,
-            cos_path,
+            state.path_angle,
             command.flown,
             density,
             p.drag_factor,
@@ -225,7 +222,6 @@ def rates(state, found, command, p) -> State:
     )
 
 
-@jitable
 def _control(cycle, past, law):
     """Control of Eq. 8 at the start of an interval, from the deviations at all nodes so far, n a node."""
     states = law.reference.shape[1]
@@ -242,8 +238,7 @@ def guide(cycle, state, past, law, p) -> tuple[Bank, Nothing]:
     past[3 * cycle + 1] = state.velocity - law.reference[cycle, 1]
     past[3 * cycle + 2] = state.path_angle - law.reference[cycle, 2]
     command = _control(cycle, past, law)
-    limited = p.lower_limit if command < p.lower_limit else command
-    return Bank(command, p.upper_limit if limited > p.upper_limit else limited), ()
+    return Bank(command, clip(command, p.lower_limit, p.upper_limit)), ()
 
 
 def ended(state, p) -> bool:

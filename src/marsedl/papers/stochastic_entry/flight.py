@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.compiling import jitable
+from marsedl.elementary import arc_cosine, arctangent, clip, exponential, sine_cosine
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
 from marsedl.methods.guidance.lateral import (
     CORRECTED,
@@ -17,11 +17,10 @@ from marsedl.methods.guidance.lateral import (
     rate_limited_bank,
     rate_limited_bank_as_printed,
 )
-from marsedl.methods.guidance.targeting import target_direction_from_sines
+from marsedl.methods.guidance.targeting import targeting
 from marsedl.models.atmosphere import node_below
 from marsedl.models.density_variation import density_factor, is_floored
-from marsedl.models.dynamics.entry import entry_rates_from_sines
-from marsedl.montecarlo.elementary import arc_cosine, arctangent, exponential, sine_cosine
+from marsedl.models.dynamics.entry import entry_rates
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights import Flight, periods
 from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
@@ -318,12 +317,8 @@ def look_up(state, air, p) -> Density:
 def rates(state, found, command, vehicle, p) -> State:
     """Eqs. 1."""
     return State(
-        *entry_rates_from_sines(
-            state.radius,
-            state.velocity,
-            sine_cosine(state.latitude),
-            sine_cosine(state.path_angle),
-            sine_cosine(state.azimuth),
+        *entry_rates(
+            state,
             (command.sine, command.cosine),
             exponential(found.log_mean) * found.factor,
             (vehicle.drag_factor, vehicle.lift_factor),
@@ -340,19 +335,17 @@ def ended(state, p) -> float:
 
 def sense(state, found, vehicle, p) -> Sensed:
     """What laws feed back (Eqs. 31, 40), and where the target is (Appendix D)."""
-    sin_path, cos_path = sine_cosine(state.path_angle)
-    downrange, crossrange, ahead = target_direction_from_sines(
+    downrange_angle, crossrange_angle = targeting(
+        state.longitude,
+        state.latitude,
         state.radius,
         state.velocity,
-        sine_cosine(state.latitude),
-        sine_cosine(p.target_longitude - state.longitude),
-        cos_path,
-        sine_cosine(state.azimuth),
+        state.path_angle,
+        state.azimuth,
         p.rotation_rate,
+        p.target_longitude,
         (p.sin_target_latitude, p.cos_target_latitude),
     )
-    distance, crossrange_angle = arctangent(*downrange), arctangent(*crossrange)
-    downrange_angle = -distance if ahead < 0.0 else distance
     density = exponential(found.log_mean) * found.factor
     return Sensed(
         state.radius,
@@ -361,7 +354,7 @@ def sense(state, found, vehicle, p) -> Sensed:
         -p.planet_radius * downrange_angle,
         density,
         vehicle.drag_factor * density * state.velocity * state.velocity,
-        state.velocity * sin_path,
+        state.velocity * sine_cosine(state.path_angle)[0],
         p.planet_radius * crossrange_angle,
         downrange_angle,
         crossrange_angle,
@@ -402,18 +395,15 @@ def interrupts(state, memory, law, p) -> bool:
     return law.ends_within and memory.aligning == 0.0 and state.velocity <= p.alignment_velocity
 
 
-@jitable
 def _controlled(cosine, time, cycle, sensed, memory, p):
     """Bank from its cosine, limited to -1 ... 1, and the side of the target (Sec. III.D)."""
-    cosine = -1.0 if cosine < -1.0 else cosine  # NaN stays NaN
-    cosine = 1.0 if cosine > 1.0 else cosine
+    cosine = clip(cosine, -1.0, 1.0)
     width = deadband(time, p.deadband_start, p.deadband_start_width, p.deadband_end, p.deadband_end_width)
     direction = bank_direction(memory.direction, sensed.crossrange, width)
     reversals = memory.reversals + (1.0 if direction != memory.direction else 0.0)
     return _flown(direction * arc_cosine(cosine), cosine, direction, 0.0, reversals, cycle, 0.0, memory, p)
 
 
-@jitable
 def _flown(command, cosine, direction, aligning, reversals, cycle, share, memory, p):
     """Bank that is reached at a command (Eq. 71)."""
     largest_change = p.largest_bank_change * (share if share > 0.0 else memory.elapsed)
@@ -463,7 +453,6 @@ def observe(guided, memory) -> Observed:
     return Observed(memory.bank, memory.change if guided > 0.0 else 0.0)
 
 
-@jitable
 def _flown_so_far(sensed, p):
     """What is stored of a flight over time and of its end."""
     altitude = sensed.radius - p.planet_radius
@@ -536,7 +525,7 @@ def fly(
     """
     velocity_trigger = trigger == "velocity"
     rises = np.append(np.diff(atmosphere.log_density), 0.0)
-    retention = np.append(exponential.py_func(atmosphere.log_retention), 0.0)
+    retention = np.append([exponential(value) for value in atmosphere.log_retention], 0.0)
     innovation = np.sqrt(1.0 - retention * retention)
     air = Tables(atmosphere.log_density, rises, atmosphere.deviation, retention, innovation)
     constants = settings if velocity_trigger else settings._replace(end_velocity=-np.inf)

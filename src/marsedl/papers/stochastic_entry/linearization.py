@@ -71,7 +71,7 @@ def compute(given: Inputs, nominal: Nominal) -> Linearization:
     )
 
     mean = nominal.density[-1], -slope[-1], -air.decay_factor * slope[-1]
-    final_rates = np.array(longitudinal_entry_rates(tuple(states[-1]), cosine[-1], *mean, *constants))
+    final_rates = np.array(longitudinal_entry_rates(states[-1:].T, cosine[-1:], *mean, *constants))[:, 0]
     deviations = dispersions.entry_deviations(planet, given.mission)
     initial = np.array(
         [

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from marsedl.elementary import sine_cosine
 from marsedl.methods.guidance.lateral import bank_direction, deadband
 from marsedl.methods.guidance.targeting import require_target_ahead, targeting
 from marsedl.montecarlo.outcomes import ESCAPED
@@ -42,7 +43,7 @@ def compute(given: Inputs) -> Nominal:
         **state,
         rotation_rate=given.planet.rotation_rate,
         target_longitude=mission.target_longitude,
-        target_latitude=mission.target_latitude,
+        target_latitude=sine_cosine(mission.target_latitude),
     )
     try:
         require_target_ahead(entry_range)

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from marsedl.elementary import sine_cosine
 from marsedl.methods.guidance.targeting import targeting
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from marsedl.replication.units import DEGREE
@@ -42,7 +43,7 @@ def fig03() -> Figure:
     longitude, latitude, azimuth, rotation = -28 * DEGREE, 4 * DEGREE, 68 * DEGREE, 35 * DEGREE
     target_longitude, target_latitude, height = 38 * DEGREE, 50 * DEGREE, 1.12
     downrange, crossrange = targeting(
-        longitude, latitude, height, 1.0, 0.0, azimuth, 0.0, target_longitude, target_latitude
+        longitude, latitude, height, 1.0, 0.0, azimuth, 0.0, target_longitude, sine_cosine(target_latitude)
     )
     up, east, north = _vehicle_frame(longitude, latitude)
     heading = np.sin(azimuth) * east + np.cos(azimuth) * north

@@ -1,13 +1,29 @@
-"""Elementary functions without branches and calls, so that loops over them become vector code.
+"""Elementary functions that know who evaluates them, so that one model serves flights, optimisation and enclosures.
 
-The compiler cannot vectorise a loop that calls the mathematics library, and that library rounds differently on
-processors with and without fused products. Polynomials and splittings of constants are those of the FreeBSD msun
-library. A value depends on its argument alone, not on the loop, lane or processor.
+| given | evaluated |
+|---|---|
+| numbers, in Python or in a compiled flight | the polynomials below, with the same bits on every processor |
+| symbols of CasADi, arrays of numpy, Taylor series, Taylor models | by their own `np.sin` and so on |
+
+The polynomials have no branches and calls, so that loops over them become vector code. The compiler cannot vectorise a
+loop that calls the mathematics library, and that library rounds differently on processors with and without fused
+products. Polynomials and splittings of constants are those of the FreeBSD msun library. A value depends on its argument
+alone, not on the loop, lane or processor. Larger errors than in the last digits are told with each function.
+
+Numba is not imported here: it learns of these functions when it compiles something, see `compiling`.
 """
+
+from functools import partial, wraps
 
 import numpy as np
 
-from marsedl.montecarlo.lanes import inline_njit
+from marsedl.compiling import jitable
+
+__all__ = ["arc_cosine", "arctangent", "clip", "exponential", "logarithm", "select", "sine_cosine"]
+
+_NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+_INLINED = {"error_model": "numpy", "forceinline": True}  # a call would prevent vectorisation
+_inlined = partial(jitable, compiled=None, **_INLINED)
 
 # Adding 1.5 * 2^52 rounds a double to an integer, which then stands in the sum's lowest bits, in two's complement.
 # Rounding functions and conversions to integers would need instructions that not every processor has as vectors.
@@ -26,7 +42,57 @@ _LOG_2_HIGH = 6.93147180369123816490e-01
 _LOG_2_LOW = 1.90821492927058770002e-10
 
 
-@inline_njit
+def _everywhere(of_others):
+    """Decorate the function of numbers, which is compiled; of_others: the same of symbols, arrays and series."""
+
+    def decorate(of_numbers):
+        @wraps(of_numbers)
+        def function(*values):
+            if all(isinstance(value, _NUMBERS) for value in values):
+                return of_numbers(*values)
+            return of_others(*values)
+
+        return jitable(function, of_numbers, **_INLINED)
+
+    return decorate
+
+
+# ---- choices ---------------------------------------------------------------------------------------------------------
+
+
+def _select_of_others(condition, yes, no):
+    if isinstance(condition, _NUMBERS):
+        return yes if condition else no
+    if type(condition).__module__.startswith("casadi"):
+        import casadi
+
+        return casadi.if_else(condition, yes, no)
+    kinds = [type(value) for value in (yes, no) if hasattr(value, "chosen")]  # series choose themselves
+    return kinds[0].chosen(condition, yes, no) if kinds else np.where(condition, yes, no)
+
+
+@_everywhere(_select_of_others)
+def select(condition, yes, no):
+    """`yes if condition else no`, which a symbol cannot decide, nor an array as a whole.
+
+    Both sides are computed, also the one that is not taken: there Python divides by zero, and numpy warns. So guard
+    what goes into a division or a root, not what comes out: `1.0 / select(mass > 0.0, mass, 1.0)`. Compiled flights
+    and CasADi have the value of the side that is taken, and CasADi its derivatives.
+    """
+    return yes if condition else no
+
+
+@_inlined
+def clip(x, low, high):
+    """Bring x into low ... high; NaN stays NaN."""
+    raised = select(x < low, low, x)
+    return select(raised > high, high, raised)
+
+
+# ---- functions -------------------------------------------------------------------------------------------------------
+
+
+@_everywhere(np.log)
 def logarithm(x):
     """Natural logarithm of a normal positive double, error below 1 ulp.
 
@@ -34,7 +100,7 @@ def logarithm(x):
     """
     bits = np.float64(x).view(np.int64)
     exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
-    f = np.int64(bits - (exponent << np.int64(52))).view(np.float64) - 1.0
+    f = float(np.int64(bits - (exponent << np.int64(52))).view(np.float64)) - 1.0
     s = f / (2.0 + f)
     z = s * s
     w = z * z
@@ -44,18 +110,19 @@ def logarithm(x):
         + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
     )
     half_square = 0.5 * f * f
-    k = np.float64(exponent)
+    k = float(exponent)
     low = s * (half_square + even + odd) + k * _LOG_2_LOW
     return k * _LOG_2_HIGH - ((half_square - low) - f)
 
 
-@inline_njit
+@_everywhere(np.exp)
 def exponential(x):
     """e^x for |x| <= 708, error below 1 ulp; NaN gives NaN.
 
     e^x = 2^k e^r, k = the integer nearest to x / log 2. Larger |x| are not treated: they need 2^k beyond the normal
     doubles. An infinite x gives NaN.
     """
+    x = float(x)  # of numpy's numbers, whose infinities warn
     shifted = x * 1.44269504088896338700e00 + _ROUNDER
     k = shifted - _ROUNDER
     high = x - k * _LOG_2_HIGH
@@ -65,10 +132,10 @@ def exponential(x):
     tail = 6.61375632143793436117e-05 + z * (-1.65339022054652515390e-06 + z * 4.13813679705723846039e-08)
     c = r - z * (1.66666666666666019037e-01 + z * (-2.77777777770155933842e-03 + z * tail))
     power_of_2 = np.int64((np.float64(shifted).view(np.int64) + np.int64(1023)) << np.int64(52)).view(np.float64)
-    return (1.0 - ((low - (r * c) / (2.0 - c)) - high)) * power_of_2
+    return (1.0 - ((low - (r * c) / (2.0 - c)) - high)) * float(power_of_2)
 
 
-@inline_njit
+@_inlined
 def _of_quarter_turns(quarter, x):
     """(sine, cosine) of quarter pi / 2 + x, quarter: int64, of which the last two bits count; x in [-pi/4, pi/4]."""
     z = x * x
@@ -90,7 +157,7 @@ def _of_quarter_turns(quarter, x):
     return first, second
 
 
-@inline_njit
+@_everywhere(lambda angle: (np.sin(angle), np.cos(angle)))
 def sine_cosine(angle):
     """(sine, cosine) of an angle in radians, each with an error of at most 1.5 ulp for |angle| up to 1e6.
 
@@ -98,6 +165,7 @@ def sine_cosine(angle):
     the error grows to the spacing of the doubles at the angle, and beyond 1e15 the result means nothing. An infinite
     angle or NaN gives NaN.
     """
+    angle = float(angle)
     shifted = angle * 6.36619772367581382433e-01 + _ROUNDER
     n = shifted - _ROUNDER
     reduced = angle - n * _HALF_PI_1
@@ -107,18 +175,18 @@ def sine_cosine(angle):
     return _of_quarter_turns(np.float64(shifted).view(np.int64), x)
 
 
-@inline_njit
+@_inlined
 def sine_cosine_of_turn(bits):
     """(sine, cosine) of the angle 2 pi bits / 2^64, bits: uint64.
 
     The nearest quarter turn is removed exactly in integers. The angle keeps its 53 leading bits.
     """
-    quarter = np.int64((bits + np.uint64(1 << 61)) >> np.uint64(62))
-    remainder = np.int64(bits - (np.uint64(quarter) << np.uint64(62))) >> np.int64(11)
-    return _of_quarter_turns(quarter, np.float64(remainder) * (2.0**-53 * 6.283185307179586))
+    quarter = np.int64(((bits >> np.uint64(61)) + np.uint64(1)) >> np.uint64(1))
+    remainder = np.uint64(bits << np.uint64(2)).view(np.int64) >> np.int64(13)
+    return _of_quarter_turns(quarter, float(remainder) * (2.0**-53 * 6.283185307179586))
 
 
-@inline_njit
+@_everywhere(np.arctan2)
 def arctangent(y, x):
     """Angle of the point (x, y) in radians, from -pi to pi, error below 1.5 ulp; NaN gives NaN.
 
@@ -126,6 +194,7 @@ def arctangent(y, x):
     near by, so that one division serves all. The signs of zeros do not count: the angle of (0, 0) is 0, that of a
     negative x alone pi. Infinite components give NaN; products with 2.5 must not overflow, quotients not underflow.
     """
+    x, y = float(x), float(y)
     ahead, up = abs(x), abs(y)
     first, second, third = 16.0 * up < 7.0 * ahead, 16.0 * up < 11.0 * ahead, 16.0 * up < 19.0 * ahead
     fourth = 16.0 * up < 39.0 * ahead
@@ -160,7 +229,8 @@ def arctangent(y, x):
     return -angle if y < 0.0 else angle
 
 
-@inline_njit
+@_everywhere(np.arccos)
 def arc_cosine(x):
     """Angle in [0, pi] whose cosine is x, for |x| <= 1, error below 2.5 ulp; NaN gives NaN."""
+    x = float(x)
     return arctangent(np.sqrt((1.0 - x) * (1.0 + x)), x)

@@ -1,20 +1,27 @@
 """Elementary functions against the same in decimal arithmetic of fifty digits, and that loops over them are vectors."""
 
 import re
+import subprocess
+import sys
 from decimal import Decimal, localcontext
 
+import casadi
 import numpy as np
 import pytest
 from numba import njit
 
-from marsedl.montecarlo.elementary import (
+from marsedl.elementary import (
     arc_cosine,
     arctangent,
+    clip,
     exponential,
     logarithm,
+    select,
     sine_cosine,
     sine_cosine_of_turn,
 )
+from marsedl.methods.linearization import symbols_in_numpy
+from marsedl.methods.taylor import Series
 from marsedl.montecarlo.lanes import LANES
 
 DIGITS = 50
@@ -228,3 +235,63 @@ def test_loops_are_vectorised(kernel):
     (code,) = kernel.inspect_llvm().values()
     assert re.search(r"fmul <\d+ x double>", code)
     assert not re.search(r"call double @(sin|cos|exp|log|a?tan2?|acos|llvm\.(sin|cos|exp|log))", code)
+
+
+def test_plain_python_has_the_bits_of_vectors():
+    random, count = np.random.default_rng(8), 50_000
+    angles = np.concatenate([random.uniform(-10, 10, count // 2), random.normal(0.0, 1e4, count // 2)])
+    powers = np.concatenate([random.uniform(-708, 708, count // 2), random.uniform(-2, 2, count // 2)])
+    positive, cosines = 10.0 ** random.uniform(-300, 300, count), random.uniform(-1, 1, count)
+    bits = random.integers(0, 2**64, count, dtype=np.uint64)
+    bits[:8] = np.arange(8, dtype=np.uint64) << np.uint64(61)
+    sides = np.resize(angles, -(-count // LANES) * LANES)
+    opposite = sides.reshape(-1, LANES)[:, ::-1].ravel()
+    cases = [
+        (evaluated(sines_and_cosines, angles, 2).T, [sine_cosine(angle) for angle in angles]),
+        (evaluated(exponentials, powers)[0], [exponential(power) for power in powers]),
+        (evaluated(logarithms, positive)[0], [logarithm(x) for x in positive]),
+        (evaluated(arc_cosines, cosines)[0], [arc_cosine(x) for x in cosines]),
+        (evaluated(arctangents, sides)[0], [arctangent(*pair) for pair in zip(sides, opposite, strict=True)]),
+        (evaluated(sines_and_cosines_of_turns, bits, 2).T, [sine_cosine_of_turn(b) for b in bits]),
+    ]
+    for compiled, plain in cases:
+        np.testing.assert_array_equal(compiled.view(np.uint64), np.array(plain).view(np.uint64))
+
+
+def test_arrays_symbols_and_series_have_functions_of_their_own():
+    array = np.array([0.1, 0.3])
+    for function, own in ((exponential, np.exp), (logarithm, np.log), (arc_cosine, np.arccos)):
+        np.testing.assert_array_equal(function(array), own(array))
+        series = function(Series.along(array, 1.0, 3))
+        np.testing.assert_array_equal(series.coefficients[0], own(array))
+        x = casadi.SX.sym("x")
+        with symbols_in_numpy(casadi):
+            traced = casadi.Function("f", [x], [function(x), casadi.jacobian(function(x), x)])
+        value, slope = traced(0.3)
+        assert float(value) == pytest.approx(own(0.3), rel=1e-15)
+        assert float(slope) == pytest.approx(series.coefficients[1, 1], rel=1e-14)
+    np.testing.assert_array_equal(sine_cosine(array), [np.sin(array), np.cos(array)])
+    np.testing.assert_array_equal(arctangent(array, -array), np.arctan2(array, -array))
+    angle = arctangent(Series.along(array, 1.0, 3), Series.along(-1.0, array, 3))
+    exact = np.arctan2(array + 1e-3, -1.0 + 1e-3 * array)
+    np.testing.assert_allclose(angle.at(1e-3), exact, rtol=1e-12)
+
+
+def test_choices_are_those_of_python_numpy_and_casadi():
+    x, numbers = casadi.SX.sym("x"), [-2.0, 0.5, 3.0]
+    clipped = casadi.Function("clipped", [x], [clip(x, -1.0, 1.0)])
+    assert [clip(number, -1.0, 1.0) for number in numbers] == [-1.0, 0.5, 1.0]
+    assert clip(np.array(numbers), -1.0, 1.0).tolist() == [-1.0, 0.5, 1.0]
+    assert [float(clipped(number)) for number in numbers] == [-1.0, 0.5, 1.0]
+    assert [njit(lambda x: clip(x, -1.0, 1.0))(number) for number in numbers] == [-1.0, 0.5, 1.0]
+    assert np.isnan(clip(np.nan, -1.0, 1.0))
+    along = Series.along(np.array(numbers), 2.0, 1)
+    assert clip(along, -1.0, 1.0).coefficients.tolist() == [[-1.0, 0.5, 1.0], [0.0, 2.0, 0.0]]
+    assert clip(Series.along(5.0, 2.0, 1), -1.0, 1.0) == 1.0
+    assert select(True, "yes", "no") == "yes" and select(np.False_, x, 1.0) == 1.0
+
+
+def test_numba_is_not_imported():
+    program = "import sys; from marsedl.elementary import sine_cosine; sine_cosine(1.0); print('numba' in sys.modules)"
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert shown.split() == ["False"]
