@@ -131,7 +131,7 @@ def test_what_does_not_fit_into_words_stays_within_the_kernel():
 
 def test_a_law_that_cannot_be_compiled_is_told_with_its_line():
     line = bends.__code__.co_firstlineno + 1
-    with pytest.raises(TypeError, match=rf"numba cannot compile .*test_addressed.py, line {line}: "):
+    with pytest.raises(TypeError, match=rf"numba cannot compile .*test_addressed.py, line {line}, in bends: "):
         fly(PROBE, law=bends, **DROP)
 
 

@@ -333,6 +333,14 @@ def uncompilable(state) -> State:
     return State(state.v, float(f"{state.h:.3f}"))
 
 
+def longest(lengths):
+    return np.linalg.norm(lengths["of"])
+
+
+def helped(state) -> State:
+    return State(state.v, longest({"of": state.h}))
+
+
 def looping(sensed, memory) -> tuple[Brake, Memory]:
     thrust = sensed.speed
     while thrust > 1.0:
@@ -372,7 +380,14 @@ def test_what_cannot_be_compiled_is_told_with_its_reason(function, error):
         Flight(function).fly((), SCHEDULE, State(1.0, 1.0))
     line = uncompilable.__code__.co_firstlineno + 1
     if function is uncompilable:
-        assert f"{__file__}, line {line}" in str(refusal.value)
+        assert f"{__file__}, line {line}, in uncompilable" in str(refusal.value)
+
+
+def test_what_cannot_be_compiled_in_a_helper_is_told_with_its_line_and_no_line_of_the_engine():
+    with pytest.raises(TypeError) as refusal:
+        Flight(helped).fly((), SCHEDULE, State(1.0, 1.0))
+    line = longest.__code__.co_firstlineno + 1
+    assert f"{__file__}, line {line}, in longest: np.linalg.norm() only supported for array" in str(refusal.value)
 
 
 def test_bad_starts_are_refused_with_field_and_trial():

@@ -3,6 +3,7 @@
 import re
 import warnings
 from contextlib import contextmanager
+from pathlib import Path
 
 from numba import njit, types
 from numba.core import errors
@@ -48,19 +49,19 @@ def _innermost(message):
     places = [
         place
         for place in re.finditer(r'^( *)File "([^"]+)", line (\d+):(?:\n *def (\w+))?', message, re.MULTILINE)
-        if not re.search(r"marsedl/(montecarlo/|elementary|compiling)|^<string>$", place[2])
+        if not re.search(r"marsedl/(montecarlo/|elementary|compiling)|site-packages/numba/|^<string>$", place[2])
     ]
     if not places:
         raised = re.search(r"Raised from (\S+) \((\d+)\)", message)
         return f"{raised[1]}, line {raised[2]}" if raised else "the model, line ?", _reason(message)
     place = max(places, key=lambda place: len(place[1]))  # the first of those
     name = f", in {place[4]}" if place[4] else ""
-    return f"{place[2]}, line {place[3]}{name}", _reason(message[: place.start()])
+    return f"{Path(place[2]).resolve()}, line {place[3]}{name}", _reason(message[: place.start()])
 
 
 def _reason(message):
     """The last thing that went wrong: what an error says that is no mere consequence of another one."""
-    text = message.rpartition("Failed in nopython mode pipeline (step: nopython frontend)")[2]
+    text = re.split(r"Failed in nopython mode pipeline \(step: [^)]*\)", message)[-1]
     if specific := re.findall(r"\w+Error: +(?!Failed)(\S.*\S)", text):
         return specific[-1]
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(("During", "File"))]
