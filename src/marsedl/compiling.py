@@ -13,19 +13,25 @@ from secrets import randbits
 _WAITING = []
 
 
-def jitable(function: Callable, compiled: Callable | None = None, **options) -> Callable:
+def jitable(function: Callable, in_kernels: Callable | None = None, **options) -> Callable:
     """Let kernels call a plain function; returns the function itself.
 
     Args:
         function: what Python calls.
-        compiled: what kernels call in its place, of the same arguments; by default the function itself.
+        in_kernels: returns the function of the same arguments that kernels call in its place, and may import numba; by
+            default kernels call the function itself.
         options: of `numba.njit` for what kernels call.
     """
     if "numba" in sys.modules:
-        _register(function, compiled, options)
+        _register(function, in_kernels, options)
     else:
-        _WAITING.append((function, compiled, options))
+        _WAITING.append((function, in_kernels, options))
     return function
+
+
+def inlined(function: Callable, in_kernels: Callable | None = None) -> Callable:
+    """Let kernels call a plain function within their loops over trials, where a call would prevent vector code."""
+    return jitable(function, in_kernels, error_model="numpy", forceinline=True)
 
 
 def register_waiting() -> None:
@@ -41,10 +47,10 @@ def register_waiting() -> None:
         _register(*_WAITING.pop())
 
 
-def _register(function: Callable, compiled: Callable | None, options: dict) -> None:
+def _register(function: Callable, in_kernels: Callable | None, options: dict) -> None:
     from numba.extending import overload
 
-    overload(function, jit_options=options, strict=False)(lambda *arguments: compiled or function)
+    overload(function, jit_options=options, strict=False)(lambda *kinds: in_kernels() if in_kernels else function)
 
 
 _KNOWN = {}  # functions that kernels call, and the digest of what they reached when they were compiled
@@ -58,6 +64,8 @@ def renew(function: Callable, digest: str) -> None:
     Args:
         function: plain, or compiled by numba. digest: of all that it reaches.
     """
+    if "numba" not in sys.modules:
+        return  # nothing is compiled yet
     from numba.core.caching import NullCache
     from numba.core.registry import cpu_target
 

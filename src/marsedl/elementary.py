@@ -13,17 +13,15 @@ alone, not on the loop, lane or processor. Larger errors than in the last digits
 Numba is not imported here: it learns of these functions when it compiles something, see `compiling`.
 """
 
-from functools import partial, wraps
+from functools import wraps
 
 import numpy as np
 
-from marsedl.compiling import jitable
+from marsedl.compiling import inlined
 
 __all__ = ["arc_cosine", "arctangent", "clip", "exponential", "logarithm", "select", "sine_cosine"]
 
 _NUMBERS = (float, int, np.floating, np.integer, np.bool_)
-_INLINED = {"error_model": "numpy", "forceinline": True}  # a call would prevent vectorisation
-_inlined = partial(jitable, compiled=None, **_INLINED)
 
 # Adding 1.5 * 2^52 rounds a double to an integer, which then stands in the sum's lowest bits, in two's complement.
 # Rounding functions and conversions to integers would need instructions that not every processor has as vectors.
@@ -52,7 +50,7 @@ def _everywhere(of_others):
                 return of_numbers(*values)
             return of_others(*values)
 
-        return jitable(function, of_numbers, **_INLINED)
+        return inlined(function, lambda: of_numbers)
 
     return decorate
 
@@ -82,7 +80,7 @@ def select(condition, yes, no):
     return yes if condition else no
 
 
-@_inlined
+@inlined
 def clip(x, low, high):
     """Bring x into low ... high; NaN stays NaN."""
     raised = select(x < low, low, x)
@@ -135,7 +133,7 @@ def exponential(x):
     return (1.0 - ((low - (r * c) / (2.0 - c)) - high)) * float(power_of_2)
 
 
-@_inlined
+@inlined
 def _of_quarter_turns(quarter, x):
     """(sine, cosine) of quarter pi / 2 + x, quarter: int64, of which the last two bits count; x in [-pi/4, pi/4]."""
     z = x * x
@@ -175,7 +173,7 @@ def sine_cosine(angle):
     return _of_quarter_turns(np.float64(shifted).view(np.int64), x)
 
 
-@_inlined
+@inlined
 def sine_cosine_of_turn(bits):
     """(sine, cosine) of the angle 2 pi bits / 2^64, bits: uint64.
 

@@ -1,5 +1,6 @@
 """Laws that are compiled alone: they share the kernel of their vehicle, and fly as they do in Python."""
 
+import subprocess
 import sys
 from functools import partial
 from typing import Any, NamedTuple
@@ -148,6 +149,24 @@ def test_flights_in_python_are_the_compiled_ones_and_compile_nothing():
         np.testing.assert_array_equal(getattr(flights, name), getattr(compiled_flights, name))
     with pytest.raises(ValueError, match=r"flights in Python \(compiled=False\) take no processes"):
         flown(2, compiled=False, processes=2)
+
+
+def test_flights_in_python_need_no_numba():
+    program = """
+import sys
+from marsedl.fly import Lander, Normal, fly
+start = {"downrange": Normal(-400.0, 30.0), "altitude": 1000.0, "downrange_velocity": 20.0, "vertical_velocity": -50.0}
+options = {"law": (-1e3, 6e3), "end_time": 2.0, "trials": 2, "compiled": False}
+def flown():
+    return fly(Lander(1e4, 220.0, thrust_noise=50.0), start | {"mass": 900.0}, **options).numbers.tolist()
+print("numba" in sys.modules, flown())
+print("numba" in sys.modules, flown())
+import numba
+print("numba" in sys.modules, flown())
+"""
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    _, without, afterwards = shown.splitlines()
+    assert without == afterwards.replace("True", "False")
 
 
 def test_who_waits_for_the_flight_of_a_vehicle_is_told(capsys):

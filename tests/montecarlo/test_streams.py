@@ -3,6 +3,7 @@ import pytest
 from numba import njit
 from scipy import stats
 
+from marsedl.montecarlo import streams
 from marsedl.montecarlo.lanes import LANES
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, _box_muller, fill_normals, normals, philox4x64, uniforms
 
@@ -104,3 +105,13 @@ def test_uniforms_are_uniform_and_never_at_an_end():
     for column in values.T:
         assert stats.kstest(column, "uniform").pvalue > 1e-3
     assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 4 / np.sqrt(len(values))
+
+
+def test_plain_python_draws_the_bits_of_compiled_code():
+    arguments = (2**64 - 5, 3, [0, 5, 2**40, 2**63], 101)
+    with np.errstate(over="ignore"):
+        plain = [
+            function.__wrapped__(*streams._checked(*arguments)) for function in (streams._normals, streams._uniforms)
+        ]
+    for drawn, own in zip(plain, (normals(*arguments), uniforms(*arguments)), strict=True):
+        np.testing.assert_array_equal(drawn, own)

@@ -70,7 +70,7 @@ def fly(
             `if __name__ == "__main__":`.
         progress: whether to show what is compiled and how much is flown; by default in a terminal.
         compiled: False flies a few trials at once as the functions are written, with the same bits, many times slower:
-            nothing is compiled but the random numbers, `print` and debuggers work in the law.
+            nothing is compiled, numba is not even imported, `print` and debuggers work in the law.
 
     Returns:
         `Flights`.

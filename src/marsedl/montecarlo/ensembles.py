@@ -12,9 +12,8 @@ from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
-from marsedl.montecarlo.lanes import LANES
+from marsedl.montecarlo import LANES
 from marsedl.montecarlo.outcomes import NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.summaries import summary
@@ -79,7 +78,19 @@ SimulateBlock = Callable[[int, int], Trajectories]
 # ---- reduction of blocks and chunks ----------------------------------------------------------------------------------
 
 
-@njit(error_model="numpy", cache=True)
+def _compiled_when_called(function):
+    """Compile a function without an import of numba before."""
+
+    @functools.cache
+    def kernel():
+        from numba import njit
+
+        return njit(error_model="numpy", cache=True)(function)
+
+    return lambda *arguments: kernel()(*arguments)
+
+
+@_compiled_when_called
 def _count_in_bins(values, edges, counts):
     """Add values (times, n_observed, trials) to counts (times, n_counted, bins + 2); bins are closed on the left."""
     bins = edges.shape[1] - 1

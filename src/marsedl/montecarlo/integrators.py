@@ -20,7 +20,18 @@ All schemes have strong order 1 with additive noise, as the noise enters only by
 differ in the deterministic part: order 4 against order 1, which is also the weak order of both Euler schemes.
 """
 
-from marsedl.montecarlo.lanes import LANES, inline_called_njit
+END_ITERATIONS = 60  # for the zero of `ended`: more than the few that a smooth flight needs
+
+
+def narrowed(bracket, part, excess):
+    """The bracket (lower, upper, both excesses, the side kept last) of a zero, with one end moved to a part of a step.
+
+    Regula falsi, where an end that is kept twice counts half (Illinois, Dowell and Jarratt 1971).
+    """
+    lower, upper, above, below, last_side = bracket
+    if excess > 0.0:
+        return part, upper, excess, 0.5 * below if last_side > 0.0 else below, 1.0
+    return lower, part, 0.5 * above if last_side < 0.0 else above, excess, -1.0
 
 
 def runge_kutta_4(drift):
@@ -29,6 +40,8 @@ def runge_kutta_4(drift):
     The drift is evaluated at the half indices 2k, 2k + 1, 2k + 1, 2k + 2. Takes the drift and
     returns `advance`, see the module.
     """
+
+    from marsedl.montecarlo.lanes import LANES, inline_called_njit
 
     @inline_called_njit
     def advance(step_index, step, state, noise, parameters, work):
@@ -65,6 +78,8 @@ def euler_maruyama(drift):
     The drift is evaluated at the half index 2k. Takes the drift, returns `advance`: see the module.
     """
 
+    from marsedl.montecarlo.lanes import LANES, inline_called_njit
+
     @inline_called_njit
     def advance(step_index, step, state, noise, parameters, work):
         _, slope, _ = work
@@ -85,6 +100,8 @@ def semi_implicit_euler(positions):
     """
 
     def scheme(drift):
+        from marsedl.montecarlo.lanes import LANES, inline_called_njit
+
         @inline_called_njit
         def advance(step_index, step, state, noise, parameters, work):
             _, slope, _ = work

@@ -10,11 +10,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
-# Trials per group: a multiple of every vector width, and enough to keep the cost per loop small.
-LANES = 64
-
-# Decorator of everything that runs inside a kernel's loops. Inlining is forced: a call would prevent vectorisation.
-inline_njit = njit(error_model="numpy", forceinline=True)
+from marsedl.montecarlo import LANES
 
 # For what compiled code alone calls: without the wrappers for calls from Python and C, which would be compiled, too.
 called_njit = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)

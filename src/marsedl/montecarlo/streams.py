@@ -5,15 +5,17 @@ order. Streams keep purposes apart: by convention stream 0 is the initial state,
 names further ones. The same (seed, trial) gives independent numbers in different streams.
 """
 
-import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+import sys
+from functools import cache, wraps
 
+import numpy as np
+
+from marsedl.compiling import inlined
 from marsedl.elementary import logarithm, sine_cosine_of_turn
-from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo import LANES
 
 NORMALS_PER_BLOCK = 4
+_FEW = 10_000  # numbers that Python draws sooner than numba is imported
 
 _PHILOX_ROUNDS = 10
 _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
@@ -22,21 +24,38 @@ _WEYL_0 = np.uint64(0x9E3779B97F4A7C15)
 _WEYL_1 = np.uint64(0xBB67AE8584CAA73B)
 
 
-@intrinsic
-def _multiply_high_low(typing_context, a, b):
-    """128-bit product of two uint64 as (high, low) words: one machine instruction."""
-    signature = types.UniTuple(types.uint64, 2)(types.uint64, types.uint64)
+@cache
+def _product_in_kernels():
+    """The product of two words by one machine instruction."""
+    from llvmlite import ir
+    from numba import types
+    from numba.extending import intrinsic
 
-    def generate(context, builder, signature, arguments):
-        word, double_word = ir.IntType(64), ir.IntType(128)
-        product = builder.mul(builder.zext(arguments[0], double_word), builder.zext(arguments[1], double_word))
-        high = builder.trunc(builder.lshr(product, ir.Constant(double_word, 64)), word)
-        return context.make_tuple(builder, signature.return_type, [high, builder.trunc(product, word)])
+    @intrinsic
+    def product_of_words(typing_context, a, b):
+        signature = types.UniTuple(types.uint64, 2)(types.uint64, types.uint64)
 
-    return signature, generate
+        def generate(context, builder, signature, arguments):
+            word, double_word = ir.IntType(64), ir.IntType(128)
+            product = builder.mul(builder.zext(arguments[0], double_word), builder.zext(arguments[1], double_word))
+            high = builder.trunc(builder.lshr(product, ir.Constant(double_word, 64)), word)
+            return context.make_tuple(builder, signature.return_type, [high, builder.trunc(product, word)])
+
+        return signature, generate
+
+    return lambda a, b: product_of_words(a, b)
 
 
-@inline_njit
+def _multiply_high_low(a, b):
+    """128-bit product of two uint64 as (high, low) words."""
+    product = int(a) * int(b)
+    return np.uint64(product >> 64), np.uint64(product & (2**64 - 1))
+
+
+inlined(_multiply_high_low, _product_in_kernels)
+
+
+@inlined
 def philox4x64(counter0, counter1, counter2, counter3, key0, key1):
     """Philox4x64-10 block cipher (Salmon, Moraes, Dror, Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3").
 
@@ -51,7 +70,7 @@ def philox4x64(counter0, counter1, counter2, counter3, key0, key1):
     return counter0, counter1, counter2, counter3
 
 
-@inline_njit
+@inlined
 def _box_muller(radius_bits, angle_bits):
     """Two independent standard normals from two uint64 (Box, Muller 1958)."""
     # In (0, 1] with steps of 2^-53: the logarithm never sees zero, and the largest normal is 8.57.
@@ -61,13 +80,13 @@ def _box_muller(radius_bits, angle_bits):
     return radius * cosine, radius * sine
 
 
-@inline_njit
+@inlined
 def _random_block(seed, stream, trial, block):
     zero = np.uint64(0)
     return philox4x64(np.uint64(block), np.uint64(stream), np.uint64(trial), zero, np.uint64(seed), zero)
 
 
-@inline_njit
+@inlined
 def fill_normals(seed, stream, first_trial, block, bits, out):
     """Normals 4 block .. 4 block + 3 of the trials first_trial .. first_trial + LANES - 1.
 
@@ -83,7 +102,26 @@ def fill_normals(seed, stream, first_trial, block, bits, out):
         out[2, lane], out[3, lane] = _box_muller(bits[2, lane], bits[3, lane])
 
 
-@njit(error_model="numpy", cache=True)
+def _compiled_for_many(function):
+    """Compile a function of seed, stream, trials and count, unless few numbers are wanted and numba is not there."""
+
+    @cache
+    def kernel():
+        from numba import njit
+
+        return njit(error_model="numpy", cache=True)(function)
+
+    @wraps(function)
+    def run(seed, stream, trials, count):
+        if "numba" in sys.modules or trials.size * count > _FEW:
+            return kernel()(seed, stream, trials, count)
+        with np.errstate(over="ignore"):  # words wrap
+            return function(seed, stream, trials, count)
+
+    return run
+
+
+@_compiled_for_many
 def _normals(seed, stream, trials, count):
     out = np.empty((trials.size, count))
     block_of_normals = np.empty(NORMALS_PER_BLOCK)
@@ -98,7 +136,7 @@ def _normals(seed, stream, trials, count):
     return out
 
 
-@njit(error_model="numpy", cache=True)
+@_compiled_for_many
 def _uniforms(seed, stream, trials, count):
     out = np.empty((trials.size, count))
     for row in range(trials.size):

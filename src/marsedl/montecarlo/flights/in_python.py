@@ -5,7 +5,6 @@ import numpy as np
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
-from marsedl.montecarlo.flights.loop import END_ITERATIONS, narrowed
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
@@ -194,12 +193,12 @@ def _to_end(model, before, after, step, tolerance):
     bracket = (0.0, step, model("ended", state=before), model("ended", state=after), 0.0)
     if bracket[2] <= 0.0:
         return 0.0, _part_of_step(model, before, 0.0)
-    for _ in range(END_ITERATIONS):
+    for _ in range(integrators.END_ITERATIONS):
         lower, upper, above, below, _ = bracket
         part = (lower * below - upper * above) / (below - above)
         end = _part_of_step(model, before, part)
         excess = model("ended", state=end)
         if abs(excess) <= tolerance:
             break
-        bracket = narrowed(bracket, part, excess)
+        bracket = integrators.narrowed(bracket, part, excess)
     return part, end

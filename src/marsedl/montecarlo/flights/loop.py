@@ -5,10 +5,9 @@ import numpy as np
 from marsedl.montecarlo.flights.addressed import call_at
 from marsedl.montecarlo.flights.binding import compiled
 from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter
+from marsedl.montecarlo.integrators import END_ITERATIONS, narrowed
 from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
-
-END_ITERATIONS = 60  # more than the few that a smooth flight needs
 
 
 def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given_air, results):
@@ -19,17 +18,6 @@ def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given
     for number in range(groups[0], groups[1]):
         here = (seed, first_trial + number * LANES, increments, first_increment, noise_stream, air_stream)
         _bound(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
-
-
-def narrowed(bracket, part, excess):
-    """The bracket (lower, upper, both excesses, the side kept last) of a zero, with one end moved to a part of a step.
-
-    Regula falsi, where an end that is kept twice counts half (Illinois, Dowell and Jarratt 1971).
-    """
-    lower, upper, above, below, last_side = bracket
-    if excess > 0.0:
-        return part, upper, excess, 0.5 * below if last_side > 0.0 else below, 1.0
-    return lower, part, 0.5 * above if last_side < 0.0 else above, excess, -1.0
 
 
 _narrowed = inline_called_njit(narrowed)
