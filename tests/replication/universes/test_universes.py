@@ -296,6 +296,23 @@ def test_a_build_is_compared_with_the_committed_universes(tmp_path, capsys):
     assert not compare_universes(root, tmp_path, ["toy"])
 
 
+def test_a_committed_run_counts_for_rewritten_code_that_computes_the_same_bits(tmp_path, capsys):
+    root, built = tmp_path / "root", tmp_path / "report/universes/toy.h5"
+    run = root / "data/reference/universes/toy.h5"
+    large, small = table(space_filling(CHOICES, 16)), table(space_filling(CHOICES, 4))
+    store.save(run, large, paper="toy", reading="x", provenance={"world": "old"})
+    other = replace(small, value=small.value + np.where(small.of == 1002, np.spacing(1.0), 0.0))
+    store.save(built, other, paper="toy", reading="x", provenance={"world": "new"})
+    assert accept_universes(root, tmp_path, ["toy"]) == []
+    assert "1 of 4 universes of this build differ from it (universe 1002 has another value" in capsys.readouterr().out
+    assert not compare_universes(root, tmp_path, ["toy"])
+    store.save(built, small, paper="toy", reading="x", provenance={"world": "new"})
+    assert accept_universes(root, tmp_path, ["toy"]) == [run]
+    assert "4 universes of this build have the same bits in the committed run of 16" in capsys.readouterr().out
+    assert compare_universes(root, tmp_path, ["toy"])
+    assert store.content_digest(store.load(run, Universes, paper="toy")) == store.content_digest(large)
+
+
 def test_points_of_a_range_are_refined_until_one_makes_the_claim_true():
     """The line passes 0.8 between slopes of 0.5 and 1.0: at 0.75, which rounds to 0.8 by the last bit."""
     published = [PUBLISHED[0].model_copy(update={"resolution": 0.02, "printed": 0.8}), *PUBLISHED[1:]]

@@ -73,17 +73,39 @@ def compared(root: Path, build: Path, slug: str) -> Compared:
 def accept_universes(root: Path, build: Path, slugs: Iterable[str]) -> list[Path]:
     """Store the runs of `snakemake multiverse` that are of the build's inputs and code; returns the files.
 
-    Prints which run is not stored because it is of others.
+    A committed run of other code gets the name of today's if the build's universes all have the same bits in it: a
+    rewritten function makes no run obsolete that it computes again. Prints which, and which run is not stored and why.
     """
     stored = []
     for slug in slugs:
         waves, built, path = build / WAVES.format(slug), build / BUILT.format(slug), root / COMMITTED / f"{slug}.h5"
-        if not waves.exists() or not built.exists():
+        if not built.exists():
             continue
-        if not of_one_world(waves, built):
-            print(f"{slug}: {waves} is not stored: it is of other inputs or code; run 'snakemake multiverse'")
-        else:
+        if waves.exists() and of_one_world(waves, built):
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(waves, path)
             stored.append(path)
+            continue
+        if waves.exists():
+            print(f"{slug}: {waves} is not stored: it is of other inputs or code; run 'snakemake multiverse'")
+        if path.exists() and not of_one_world(path, built):
+            stored += [path] if _renamed(path, built, slug) else []
     return stored
+
+
+def _renamed(run: Path, built: Path, slug: str) -> bool:
+    """Give a committed run the name of a build's inputs and code, if that has computed some of it to the last bit."""
+    large, small = (store.load(path, Universes, paper=slug) for path in (run, built))
+    if moved := changed(large, small):
+        number, what = next(iter(moved.items()))
+        print(
+            f"{slug}: the committed run is of other inputs or code: {len(moved)} of {len(small.number)} universes of "
+            f"this build differ from it (universe {number} {what}); run 'snakemake multiverse'"
+        )
+        return False
+    print(
+        f"{slug}: {len(small.number)} universes of this build have the same bits in the committed run of "
+        f"{len(large.number)}, which is of today's code from now on"
+    )
+    store.save(run, large, paper=slug, reading="universes", provenance=store.provenance(built))
+    return True
