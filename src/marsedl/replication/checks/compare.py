@@ -88,8 +88,8 @@ def of_universe(number: int, study: Study, path: Path) -> Alternative:
     """
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
-    table, universe = store.load(path, Universes, paper=study.paper), held(path, study, number)
-    if universe is None:
+    table = store.load(path, Universes, paper=study.paper)
+    if (universe := held(table, study.choices, number, path)) is None:
         first = ", ".join(map(str, table.number[:3]))
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
     values = study.choices.complete(universe.assignment).items()

@@ -65,21 +65,21 @@ class Matching:
         error is measured in the median of its distances, and fulfilled below 0; numbers are within three deviations.
         """
         found = {}
-        for claim in (one for one in self.headlines if one.id in judge.column):
-            at, is_statement = judge.column[claim.id], judge.is_statement(claim.id)
-            for place in [judge.component_place(claim.id)] if is_statement else judge.places(claim.id):
-                value, error, limit = judge.numbers[:, :, place]
+        for one in (judge.of[claim.id] for claim in self.headlines if claim.id in judge.of):
+            claim, is_statement = one.claim, one.is_statement
+            for place in [one.deciding] if is_statement else range(len(one.labels)):
+                value, error, limit = one.numbers[:, :, place]
                 distance, deviation = value - limit, np.nan_to_num(error)
                 if is_statement:
-                    fails = np.isin(judge.verdicts[:, at], REFUTED_VERDICTS)
-                    distance = np.where(judge.has_result[:, at], np.where(fails, 1.0, -1.0) * np.abs(distance), np.nan)
+                    side = np.where(one.refuted, 1.0, -1.0)
+                    distance = np.where(one.has_result, side * np.abs(distance), np.nan)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
-                    deviation = deviation * np.sqrt(1.0 + judge.trials[:, at] / claim.trials)
+                    deviation = deviation * np.sqrt(1.0 + one.trials / claim.trials)
                 if not np.isfinite(distance).any():
                     continue
-                scale = np.median(np.hypot(deviation, judge.half(place) / SIGMAS)[np.isfinite(distance)])
+                scale = np.median(np.hypot(deviation, one.halves[place] / SIGMAS)[np.isfinite(distance)])
                 usual = np.nanmedian(np.abs(distance))
-                label = claim.id if is_statement else claim.id + judge.component[place][1]
+                label = claim.id if is_statement else claim.id + one.labels[place]
                 found[label] = distance / (scale or usual or 1.0)
         return found
 
@@ -108,14 +108,14 @@ class Matching:
             counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
             shares[one.name] = (counts / max(len(left), 1)).tolist()
         of_wave = (judge.table.wave == number) & (judge.table.seed == 0) & (judge.table.design != 0)
-        places = [judge.column[one.id] for one in self.headlines if one.id in judge.column]
-        agreeing = float(judge.agrees[of_wave][:, places].sum(axis=1).mean()) if of_wave.any() else math.nan
+        agrees = judge.agrees([one.id for one in self.headlines if one.id in judge.of])
+        agreeing = float(agrees[of_wave].sum(axis=1).mean()) if of_wave.any() else math.nan
         contradicting = () if len(left) else self._contradicting(distances)
         return Wave(len(left) / CANDIDATES, shares, contradicting, agreeing), left
 
     def _excess(self, label: str, mean: np.ndarray) -> np.ndarray:
         """By how much a headline is missed beyond what is allowed, both as inverse hyperbolic sines."""
-        is_statement = self.judge.is_statement(label.partition("[")[0])
+        is_statement = self.judge.of[label.partition("[")[0]].is_statement
         return np.maximum(mean if is_statement else np.abs(mean) - math.asinh(SIGMAS), 0.0)
 
     @cached_property
@@ -187,7 +187,7 @@ def refined(judge: Judge, compute: Callable[[list[Universe]], Universes]) -> Uni
         wanted = {
             (choice.name, choice.range.at(share)): choice
             for claim in judge.published.values()
-            if claim.headline and claim.id in judge.column and judge.verdict(claim.id) in REFUTED_VERDICTS
+            if claim.headline and claim.id in judge.of and judge.verdict(claim.id) in REFUTED_VERDICTS
             for choice in judge.choices
             if choice.range
             for share in _between(judge, claim.id, choice)
@@ -209,7 +209,7 @@ def _between(judge: Judge, claim: str, choice: Choice) -> list[float]:
     effects = [one for one in judge.effects(claim) if one.choice == choice.name]
     if not effects or any(one.is_true for one in effects):
         return []
-    before, _, limit = judge.numbers[:, judge.base, judge.component_place(claim)].tolist()
+    before, _, limit = judge.of[claim].number(judge.base)
     points = {choice.range.share(float(one.value)): one.number - limit for one in effects}
     if choice.corrected is not None:
         points[choice.range.share(float(choice.corrected))] = before - limit
