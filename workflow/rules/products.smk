@@ -1,5 +1,6 @@
-# Figures and tables: one job for each figure, one for the tables of a reading that need the same artifacts, and one for
-# each comparison of the papers. Those of the default reading stand right under figures/<paper>, others in its folder.
+# Figures and tables: one job for each figure, one for the tables of a reading that need the same artifacts or some of
+# them, and one for each comparison of the papers. Those of the default reading stand right under figures/<paper>, others
+# in its folder.
 
 
 # All of the papers but what decides their claims: the universes take more than half of the time of `all`.
@@ -33,7 +34,7 @@ rule figure:
 
 # A rule for each set of tables: the files of a job are as many as its tables. A job for each table would start fourteen
 # processes more, and each takes longer to start than to write a table.
-for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[slug].tables_of_equal_needs()]:
+for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[slug].tables_by_job()]:
 
     rule:
         name:

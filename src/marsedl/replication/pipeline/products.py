@@ -154,7 +154,7 @@ class Products:
         """A figure, or all tables of equal needs, which one job makes."""
         catalogue, kind, stems = self.papers[paper], "figures", [stem]
         if stem not in catalogue.figures:
-            kind, stems = "tables", next(tables for tables in catalogue.tables_of_equal_needs() if stem in tables)
+            kind, stems = "tables", next(tables for tables in catalogue.tables_by_job() if stem in tables)
         products = [catalogue.product(name) for name in stems]
         inputs = {name for product in products for name in product.inputs}
         printed = any(product.published for product in products)
