@@ -27,7 +27,7 @@ rule figure:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("figures/{paper}/{place}{stem}.png"),
+        given=params_of("figures/{paper}/{place}{stem}.png"),
     script:
         "../scripts/figures.py"
 
@@ -55,7 +55,7 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
         conda:
             "../envs/marsedl.yaml"
         params:
-            made=made(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
+            given=params_of(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
         script:
             "../scripts/tables.py"
 
@@ -78,6 +78,6 @@ rule compared:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("figures/comparison/{stem}.png"),
+        given=params_of("figures/comparison/{stem}.png"),
     script:
         "../scripts/comparison.py"

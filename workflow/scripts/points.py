@@ -9,5 +9,5 @@ from marsedl.replication.universes.table import Evaluator
 
 with guarded(snakemake) as job:
     project = Path(snakemake.params.project).resolve()
-    evaluator = Evaluator(catalogue(job.paper), input_model(job.paper), project, job.made["size"], job.made["own"])
-    write_evaluations({name: evaluator.point(name) for name in job.made["points"]}, snakemake.output[0])
+    evaluator = Evaluator(catalogue(job.paper), input_model(job.paper), project, job.params["size"], job.params["own"])
+    write_evaluations({name: evaluator.point(name) for name in job.params["points"]}, snakemake.output[0])

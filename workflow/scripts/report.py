@@ -12,8 +12,8 @@ from marsedl.replication.universes.deciding import read_decided
 
 with guarded(snakemake) as job:
     claims, papers = read_claims(snakemake.input.claims), []
-    for (slug, readings), path in zip(job.made["readings"].items(), snakemake.input.universes, strict=True):
+    for (slug, readings), path in zip(job.params["readings"].items(), snakemake.input.universes, strict=True):
         given = catalogue(slug), input_model(slug), readings, claims, snakemake.params.artifacts[slug]
         papers.append(assembly.paper_report(*given, read_decided(path)))
     folder, citation = Path(snakemake.output[0]).parent, Path(snakemake.params.project).resolve() / "CITATION.cff"
-    build_site(folder, papers, job.made["size"], citation, comparisons())
+    build_site(folder, papers, job.params["size"], citation, comparisons())

@@ -7,7 +7,7 @@ from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
     given, output = job.given(), snakemake.output
-    published = published_by_id(snakemake.input.published) if job.made["printed"] else None
-    for stem, csv, md in zip(job.made["stems"], output.csv, output.md, strict=True):
+    published = published_by_id(snakemake.input.published) if job.params["printed"] else None
+    for stem, csv, md in zip(job.params["stems"], output.csv, output.md, strict=True):
         table = function_of(entry_of(job.paper, "tables", stem))
         write_table(given.call(table, published=published), csv, md)

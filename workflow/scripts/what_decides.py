@@ -14,7 +14,7 @@ from marsedl.replication.universes.waves import Matching
 
 with guarded(snakemake) as job:
     project, rows, paper = Path(snakemake.params.project).resolve(), read_claims(snakemake.input.claims), job.paper
-    given = project, job.made["size"], job.made["own"], snakemake.input.table, rows
+    given = project, job.params["size"], job.params["own"], snakemake.input.table, rows
     judge = judge_of(catalogue(paper), input_model(paper), *given)
     matching = Matching(judge)
     write_decided(decided(rows, catalogue(paper).errata, judge, matching), snakemake.output.decided)

@@ -100,8 +100,8 @@ def tornado(judge: Judge, claim: str, title: str):
     names = list(dict.fromkeys(one.choice for one in effects))[:12]
     figure, axes = new_figure(6.4, 1.3 + 0.5 * max(len(names), 1))
     for k, name in enumerate(names):
-        own = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
-        for place, one in enumerate(own):
+        bars = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
+        for place, one in enumerate(bars):
             size = min(one.size, LARGEST_SIZE) * (1.0 if one.towards else -1.0)
             turned = _turns(judge.verdict(claim), one.verdict)
             axes.barh(k, size, height=0.5, color=BLUE if one.towards else VERMILION, alpha=0.55)
