@@ -1,4 +1,4 @@
-"""Write the tables of a reading that need the same artifacts, as CSV and Markdown."""
+"""Write the tables of a reading that one job makes from the same artifacts, as CSV and Markdown."""
 
 from marsedl.replication.claims.printed import published_by_id
 from marsedl.replication.pipeline.catalogue import entry_of, function_of

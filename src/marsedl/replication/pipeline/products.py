@@ -151,7 +151,7 @@ class Products:
                 return self._product(paper, reading[0] if reading else CORRECTED, stem)
 
     def _product(self, paper: str, reading: str, stem: str) -> PlannedJob:
-        """A figure, or all tables of equal needs, which one job makes."""
+        """A figure, or all tables that one job makes, the first of which takes all artifacts."""
         catalogue, kind, stems = self.papers[paper], "figures", [stem]
         if stem not in catalogue.figures:
             kind, stems = "tables", next(tables for tables in catalogue.tables_by_job() if stem in tables)
