@@ -11,6 +11,7 @@ import pytest
 from marsedl.replication.checks.universes import accept_universes, compare_universes
 from marsedl.replication.claims.claim import Claim, Margin, Result
 from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.rows import read_as, write_as
 from marsedl.replication.claims.verdicts import Declaration
 from marsedl.replication.errors import InfeasibleError, InputError
 from marsedl.replication.inputs.choices import Source, of_written
@@ -19,7 +20,7 @@ from marsedl.replication.inputs.sections import Inputs, Number, Section, given
 from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
-from marsedl.replication.universes.deciding import decided, read_decided, write_decided
+from marsedl.replication.universes.deciding import Decided, decided
 from marsedl.replication.universes.designs import AGAIN, Universe, one_at_a_time, redrawn, space_filling
 from marsedl.replication.universes.joint import in_sentences, joint
 from marsedl.replication.universes.judging import Judge, correlation_ratio, share
@@ -190,8 +191,8 @@ def test_a_page_says_what_an_erratum_changes_and_what_decides(judge, tmp_path):
     rows = [claim_row(judge, one, errata=("E1",) if one.id == "line" else ()) for one in PUBLISHED]
     rows[0] = rows[0].model_copy(update={"choices": ("slope",)})
     errata = Erratum("E1", "", "", ""), Erratum("E2", "", "", "")
-    write_decided(decided(rows, errata, judge, Matching(judge)), tmp_path / "decided.json")
-    found = read_decided(tmp_path / "decided.json")
+    write_as(Decided, decided(rows, errata, judge, Matching(judge)), tmp_path / "decided.json")
+    found = read_as(Decided, tmp_path / "decided.json")
     first, second = found.errata
     assert (first.erratum, first.rank, first.refuted) == ("E1", "headline", ("line",))
     assert (first.headline, first.effect.difference) == ("line", pytest.approx(-1.0))

@@ -17,7 +17,7 @@ from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS
 from marsedl.replication.claims.counts import plural
 from marsedl.replication.claims.moved import Entry, Moved, largest_first, moved, relative
 from marsedl.replication.claims.numbers import NOT_EVALUATED, format_number, told_apart
-from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
+from marsedl.replication.claims.rows import Counterexamples, read_as, read_claims, unexplained
 from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
@@ -427,7 +427,7 @@ def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim
     entries = _without(entries, _readings_of(entries) - shared.study.readings.keys())
     if folder is not None:
         return rows, entries, []
-    turned = read_counterexamples(build / f"report/counterexamples/{slug}.json")
+    turned = read_as(Counterexamples, build / f"report/counterexamples/{slug}.json")
     entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
     reason = "differs or fails without a reason that names an erratum"
     return rows, entries, [f"{slug}: claim {claim} {reason}" for claim in unexplained(rows)]

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from marsedl.replication.claims.claim import Claim, Standing
 from marsedl.replication.claims.counts import capital
 from marsedl.replication.claims.names import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS
-from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records.tables import Column, table
@@ -111,16 +109,6 @@ class Decided(NamedTuple):
     joint: Joint
     run: Run
     explorer: dict[str, Any]
-
-
-def write_decided(decided: Decided, path: str | Path) -> None:
-    """Write what decides a paper's results as JSON; numbers that are not finite stay so."""
-    write_as(Decided, decided, path)
-
-
-def read_decided(path: str | Path) -> Decided:
-    """Read what `write_decided` wrote; raises ArtifactError if the file is missing or damaged."""
-    return read_json(Decided, path)
 
 
 def decided(claims: Sequence[Claim], errata: Iterable[Erratum], judge: Judge, matching: Matching) -> Decided:

@@ -237,8 +237,7 @@ class Findings:
 
     def number(self, universe: int) -> Triple:
         """Return the number that decides, in the universe at a place of the table."""
-        value, error, limit = self.numbers[:, universe, self.deciding].tolist()
-        return value, error, limit
+        return tuple(self.numbers[:, universe, self.deciding].tolist())
 
 
 class Judge:
@@ -276,12 +275,12 @@ class Judge:
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
         self._places = {int(number): place for place, number in enumerate(table.number)}
-        rows = defaultdict(list)
+        rows_of = defaultdict(list)
         for row, name in enumerate(table.claim.tolist()):
-            rows[name].append(row)
+            rows_of[name].append(row)
         self.of = {
             name: self._findings(self.published[name], declarations[name], np.array(those))
-            for name, those in rows.items()
+            for name, those in rows_of.items()
             if name in self.published
         }
 
@@ -290,8 +289,8 @@ class Judge:
         table, universes = self.table, len(self.table.number)
         is_statement, halves = claim.kind == "qualitative", {label: half for label, _, half in components_of(claim)}
         # All numbers of a claim, also those that no universe has.
-        labels = {*table.component[rows].tolist(), *(() if is_statement else halves)}
-        labels = sorted(labels, key=lambda label: (len(label), label))
+        every = {*table.component[rows].tolist(), *(() if is_statement else halves)}
+        labels = sorted(every, key=lambda label: (len(label), label))
         at = np.array([self._places[number] for number in table.of[rows].tolist()])
         place = np.array([labels.index(label) for label in table.component[rows].tolist()])
         numbers = np.full((3, universes, len(labels)), np.nan)
