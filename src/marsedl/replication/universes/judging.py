@@ -287,9 +287,9 @@ class Judge:
     def _findings(self, claim: PublishedClaim, declared: Declaration, rows: np.ndarray) -> Findings:
         """Judge a claim in all universes by the rules of `verdicts`; rows: those of the table that are of the claim."""
         table, universes = self.table, len(self.table.number)
-        is_statement, halves = claim.kind == "qualitative", {label: half for label, _, half in components_of(claim)}
+        is_statement, half_of = claim.kind == "qualitative", {label: half for label, _, half in components_of(claim)}
         # All numbers of a claim, also those that no universe has.
-        every = {*table.component[rows].tolist(), *(() if is_statement else halves)}
+        every = {*table.component[rows].tolist(), *(() if is_statement else half_of)}
         labels = sorted(every, key=lambda label: (len(label), label))
         at = np.array([self._places[number] for number in table.of[rows].tolist()])
         place = np.array([labels.index(label) for label in table.component[rows].tolist()])
@@ -302,7 +302,7 @@ class Judge:
         finding[at[told]], tests[at[told]] = table.finding[rows][told], place[told]
         verdicts, of_numbers = finding, np.full(numbers.shape[1:], NO_VERDICT, "<U16")
         if not is_statement:
-            printed = [labels.index(label) for label in halves]
+            printed = [labels.index(label) for label in half_of]
             value, error, _ = numbers[:, :, printed]
             judged = verdicts_in_universes(claim, declared.close, value, error, trials, self.base)
             verdicts = worst(judged)
@@ -311,7 +311,7 @@ class Judge:
         confirmed = np.isin(verdicts, (*AGREEING_VERDICTS, "undetermined"))
         bound = (bound | bool(declared.by_construction)) & confirmed | (is_statement & bound)
         verdicts = np.where(cause == RESULT, np.where(bound, BY_CONSTRUCTION, verdicts), NO_VERDICT)
-        halves = np.array([halves.get(label, 0.0) for label in labels])
+        halves = np.array([half_of.get(label, 0.0) for label in labels])
         return Findings(claim, self.base, labels, halves, numbers, cause, trials, verdicts, of_numbers, tests)
 
     def agrees(self, claims: Sequence[str]) -> np.ndarray:
