@@ -365,7 +365,7 @@ def _verify(options) -> int:
 
     project, shared, made, folder = _up_to_date(options)
     equal = options.no_rebuild or folder is not None or twice.build_twice(project.root)
-    given = {slug: project.products.job(f"report/claims/{slug}.json").own for slug in shared}
+    given = {slug: project.products.job(f"report/claims/{slug}.json").params for slug in shared}
     agree = judged_again.check_judged(project.root, project.folder, given)
     compare = reference.compare_reference
     agree = compare(project.root, project.folder, shared, made, folder, all_of_them=options.all) and agree

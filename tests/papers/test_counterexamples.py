@@ -51,5 +51,5 @@ def test_what_cannot_fail_fails_in_no_universe(slug):
     table = store.load(ROOT / COMMITTED / f"{slug}.h5", Universes, paper=slug)
     published, declarations = load_published(ROOT / "data" / "published" / f"{slug}.yaml"), claims_of(slug).declarations
     judge = Judge(table, load_study(slug, input_model(slug), ROOT).choices, published, declarations)
-    bound = {name: at for name, at in judge.column.items() if declarations[name].by_construction}
-    assert bound and not {name: judge.refuted[:, at].sum() for name, at in bound.items() if judge.refuted[:, at].any()}
+    bound = {name: one.refuted.sum() for name, one in judge.of.items() if declarations[name].by_construction}
+    assert bound and not any(bound.values()), bound

@@ -14,6 +14,7 @@ from drawn import labels
 from invented import invented
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import figures
+from marsedl.papers.funnels.basics import OBSERVED
 from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import (
     Dubins,
@@ -72,7 +73,8 @@ def study(empty=False):
         return invented(kind, EXTENTS | (extents or {}), empty=empty, **known)
 
     def flights(seed, time=TIME, states=6):
-        ensemble = stand_in(FlightEnsemble, {"states": states, "time": len(time)}, time=time)
+        extents = {"states": states, "time": len(time)}
+        ensemble = stand_in(FlightEnsemble, extents, time=time, observed_name=np.array(OBSERVED))
         largest = ensemble.maximum_over_trials * (1.0 + 0.1 * seed)
         return replace(ensemble, maximum_over_trials=largest)
 

@@ -79,19 +79,19 @@ def jobs_of(every: products.Products) -> dict[str, Job]:
     """All jobs of `snakemake all` by their records, artifacts by their paths."""
     jobs = {}
     for path in every.behind(every.all()):
-        made = every.job(path)
+        planned = every.job(path)
         if path.startswith("data/cache/"):
             paper, reading, name = artifact_of(path)
-            kind, name, own = name.split(".")[0], f"{reading}/{name}", {**made.own, "needs": None}
+            kind, name, own = name.split(".")[0], f"{reading}/{name}", {**planned.params, "needs": None}
         else:
-            first, *middle, name = made.name.split("/")
+            first, *middle, name = planned.name.split("/")
             paper = middle[0] if first == "figures" else name.removesuffix("_what_decides") if middle else ""
             kind = {"index": "site", "claims": "all_claims"}.get(name, name) if not middle else middle[0]
             if first == "figures":
                 kind = "comparison" if paper == "comparison" else "figure" if path.endswith("png") else "table"
                 name, paper = "/".join([*middle[1:], name]), paper if paper in SLUGS else ""
-            own = made.own
-        jobs.setdefault(made.name or path, Job(kind, paper, name, recipe_digest(own), every.digest(path)))
+            own = planned.params
+        jobs.setdefault(planned.name or path, Job(kind, paper, name, recipe_digest(own), every.digest(path)))
     return jobs
 
 

@@ -21,7 +21,7 @@ rule paper_claims:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/claims/{paper}.json"),
+        given=params_of("report/claims/{paper}.json"),
     script:
         "../scripts/claims.py"
 
@@ -43,7 +43,7 @@ rule counterexamples:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/counterexamples/{paper}.json"),
+        given=params_of("report/counterexamples/{paper}.json"),
     script:
         "../scripts/counterexamples.py"
 
@@ -63,6 +63,6 @@ rule claims:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/claims.json"),
+        given=params_of("report/claims.json"),
     script:
         "../scripts/all_claims.py"

@@ -18,7 +18,7 @@ from marsedl.replication.report.texts import check_found
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.pipeline.products import Products
 from marsedl.replication.pipeline.sharing import ARTIFACTS
-from marsedl.replication.pipeline.staleness import is_stale, own_changes
+from marsedl.replication.pipeline.staleness import changed_apart_from_needs, is_stale
 from marsedl.replication.pipeline.targets import check_targets
 
 ROOT = Path(workflow.current_basedir).parents[1]
@@ -128,7 +128,7 @@ def artifacts_of(product):
 
 def files_of(product):
     """Further files of the project that a product is made from."""
-    return lambda wildcards: [source(name) for name in job_of(product, wildcards).own.get("files", ())]
+    return lambda wildcards: [source(name) for name in job_of(product, wildcards).params.get("files", ())]
 
 
 def if_stale(*products):
@@ -142,7 +142,7 @@ def if_stale(*products):
         job_of(products[0], wildcards)
         stale = [path for path in (filled(one, wildcards) for one in products) if is_stale(PRODUCTS, path, Path())]
         for path in stale:
-            if path.startswith(ARTIFACTS) and (why := own_changes(PRODUCTS, path, Path())):
+            if path.startswith(ARTIFACTS) and (why := changed_apart_from_needs(PRODUCTS, path, Path())):
                 STALE.setdefault(why, []).append(path)
         return [local(NOW.name)] if stale else []
 
@@ -154,12 +154,12 @@ def priority(what, first=0):
     return lambda wildcards: first + LONGEST.get((wildcards.paper, filled(what, wildcards)), 0)
 
 
-def made(product, recorded=True):
+def params_of(product, recorded=True):
     """What a job is given beside files, and where it records what its products are made from."""
 
     def given(wildcards):
         path = filled(product, wildcards)
-        return PRODUCTS.job(path).own | ({"record": PRODUCTS.record(path)} if recorded else {})
+        return PRODUCTS.job(path).params | ({"record": PRODUCTS.record(path)} if recorded else {})
 
     return given
 
@@ -174,7 +174,7 @@ def staged(stage, *artifacts):
 
     def given(wildcards):
         declared = PAPERS[wildcards.paper].stages[filled(stage, wildcards)]
-        recipes = [PRODUCTS.job(filled(artifact, wildcards)).own for artifact in artifacts]
+        recipes = [PRODUCTS.job(filled(artifact, wildcards)).params for artifact in artifacts]
         users = wildcards.reading in STUDIES[wildcards.paper].own_readings
         return {"entries": declared.entries, "recipes": recipes, "size": SIZE, "users": users}
 
@@ -205,6 +205,6 @@ UNIVERSE_PICTURES = {slug: list(universe_pictures(headline)) for slug, headline 
 def chunks_of_universes(wildcards):
     """The files of the chunks of a paper's universes; none if they are one job, as is a sample of the committed run."""
     path = f"report/universes/{wildcards.whole}{wildcards.paper}"
-    is_sample = bool(PRODUCTS.job(f"{path}.h5").own["sample"])
+    is_sample = bool(PRODUCTS.job(f"{path}.h5").params["sample"])
     chunks = 1 if is_sample else STUDIES[wildcards.paper].universe_jobs
     return [f"{path}.{chunk}of{chunks}.h5" for chunk in range(chunks) if chunks > 1]

@@ -1,5 +1,6 @@
-# Figures and tables: one job for each figure, one for the tables of a reading that need the same artifacts, and one for
-# each comparison of the papers. Those of the default reading stand right under figures/<paper>, others in its folder.
+# Figures and tables: one job for each figure, one for the tables of a reading that need the same artifacts or some of
+# them, and one for each comparison of the papers. Those of the default reading stand right under figures/<paper>, others
+# in its folder.
 
 
 # All of the papers but what decides their claims: the universes take more than half of the time of `all`.
@@ -26,14 +27,14 @@ rule figure:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("figures/{paper}/{place}{stem}.png"),
+        given=params_of("figures/{paper}/{place}{stem}.png"),
     script:
         "../scripts/figures.py"
 
 
 # A rule for each set of tables: the files of a job are as many as its tables. A job for each table would start fourteen
 # processes more, and each takes longer to start than to write a table.
-for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[slug].tables_of_equal_needs()]:
+for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[slug].tables_by_job()]:
 
     rule:
         name:
@@ -54,7 +55,7 @@ for _paper, _tables in [(slug, tables) for slug in PAPERS for tables in PAPERS[s
         conda:
             "../envs/marsedl.yaml"
         params:
-            made=made(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
+            given=params_of(f"figures/{{paper}}/{{place}}{_tables[0]}.csv"),
         script:
             "../scripts/tables.py"
 
@@ -77,6 +78,6 @@ rule compared:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("figures/comparison/{stem}.png"),
+        given=params_of("figures/comparison/{stem}.png"),
     script:
         "../scripts/comparison.py"

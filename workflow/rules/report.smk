@@ -28,7 +28,7 @@ rule report:
         "../envs/marsedl.yaml"
     params:
         # As a function of `output`, which Snakemake does not record: it would, half a megabyte for each of many files.
-        made=lambda wildcards, output: made("report/index.html")(wildcards),
+        given=lambda wildcards, output: params_of("report/index.html")(wildcards),
         project=in_project("."),
         artifacts=lambda wildcards: {
             paper: {name: PRODUCTS.claimed(paper, name) for name in STUDIES[paper].built} for paper in PAPERS

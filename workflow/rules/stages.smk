@@ -16,7 +16,7 @@ rule artifact:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged("{stage}", "data/cache/{paper}/{reading}/{stage}.h5"),
+        given=staged("{stage}", "data/cache/{paper}/{reading}/{stage}.h5"),
     script:
         "../scripts/stage.py"
 
@@ -38,7 +38,7 @@ rule flights:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
+        given=staged(FLIGHTS, "data/cache/{paper}/{reading}/montecarlo.{case}.h5"),
     script:
         "../scripts/stage.py"
 
@@ -57,7 +57,7 @@ rule chunk:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=staged(FLIGHTS, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
+        given=staged(FLIGHTS, "data/cache/{paper}/{reading}/chunks/{case}.{chunk}of{chunks}.h5"),
     script:
         "../scripts/stage.py"
 
@@ -85,6 +85,6 @@ for _number, (_paper, _cases, _readings) in enumerate(TOGETHER):
         conda:
             "../envs/marsedl.yaml"
         params:
-            made=staged(FLIGHTS, *_flown),
+            given=staged(FLIGHTS, *_flown),
         script:
             "../scripts/stage.py"

@@ -29,7 +29,7 @@ rule points:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/points/{paper}.json"),
+        given=params_of("report/points/{paper}.json"),
         project=in_project("."),
     script:
         "../scripts/points.py"
@@ -56,7 +56,7 @@ rule universes:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/{whole}{paper}.h5"),
+        given=params_of("report/universes/{whole}{paper}.h5"),
         project=in_project("."),
     script:
         "../scripts/universes.py"
@@ -81,7 +81,7 @@ rule universes_chunk:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/{whole}{paper}.h5", recorded=False),
+        given=params_of("report/universes/{whole}{paper}.h5", recorded=False),
         project=in_project("."),
     script:
         "../scripts/universes.py"
@@ -104,7 +104,7 @@ rule waves:
     conda:
         "../envs/marsedl.yaml"
     params:
-        made=made("report/universes/waves/{paper}.h5", recorded=False),
+        given=params_of("report/universes/waves/{paper}.h5", recorded=False),
         project=in_project("."),
     script:
         "../scripts/waves.py"
@@ -139,7 +139,7 @@ for _paper in PAPERS:
         conda:
             "../envs/marsedl.yaml"
         params:
-            made=made("report/universes/{paper}.json"),
+            given=params_of("report/universes/{paper}.json"),
             project=in_project("."),
         script:
             "../scripts/what_decides.py"

@@ -8,7 +8,7 @@ from marsedl.replication.pipeline.jobs import guarded, parameter_of
 from marsedl.replication.records.tables import write_table
 
 with guarded(snakemake) as job:
-    stem, inputs, output = snakemake.wildcards.stem, job.made["inputs"], snakemake.output
+    stem, inputs, output = snakemake.wildcards.stem, job.params["inputs"], snakemake.output
     files = {slug: {parameter_of(p): p for p in snakemake.input.artifacts if f"/{slug}/" in p} for slug in inputs}
     comparison = import_module(f"marsedl.comparison.{stem}")
     records = collect(stem, inputs, files, job.load)

@@ -8,7 +8,7 @@ from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
     published = published_by_id(snakemake.input.published)
-    measured = load_measured(snakemake.input.measured, job.paper) if job.made["measured"] else None
+    measured = load_measured(snakemake.input.measured, job.paper) if job.params["measured"] else None
     [given] = job.readings().values()
     rows = read_claims(snakemake.input.claims)
     found = turned(claims_of(job.paper), rows, given, published, measured=measured)

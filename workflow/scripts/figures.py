@@ -7,5 +7,5 @@ from marsedl.replication.pipeline.jobs import guarded
 
 with guarded(snakemake) as job:
     function = function_of(entry_of(job.paper, "figures", snakemake.wildcards.stem))
-    published = published_by_id(snakemake.input.published) if job.made["printed"] else None
+    published = published_by_id(snakemake.input.published) if job.params["printed"] else None
     save_figure(job.given().call(function, published=published), *snakemake.output)

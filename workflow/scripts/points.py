@@ -3,11 +3,12 @@
 from pathlib import Path
 
 from marsedl.papers import catalogue, input_model
-from marsedl.replication.claims.rows import write_evaluations
+from marsedl.replication.claims.rows import Evaluations, write_as
 from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.universes.table import Evaluator
 
 with guarded(snakemake) as job:
     project = Path(snakemake.params.project).resolve()
-    evaluator = Evaluator(catalogue(job.paper), input_model(job.paper), project, job.made["size"], job.made["own"])
-    write_evaluations({name: evaluator.point(name) for name in job.made["points"]}, snakemake.output[0])
+    evaluator = Evaluator(catalogue(job.paper), input_model(job.paper), project, job.params["size"], job.params["own"])
+    found = {name: evaluator.point(name) for name in job.params["points"]}
+    write_as(Evaluations, found, snakemake.output[0])

@@ -10,17 +10,17 @@ from marsedl.replication.universes.table import Evaluator, Universes, gathered, 
 
 with guarded(snakemake) as job:
     paper, project = job.paper, Path(snakemake.params.project).resolve()
-    committed = list(map(Path, snakemake.input.committed))
-    tables = [store.load(path, Universes, paper=paper) for path in snakemake.input.get("chunks", ())]
-    if not tables:
+    committed = {Path(run): store.load(run, Universes, paper=paper) for run in snakemake.input.committed}
+    if not (tables := [store.load(path, Universes, paper=paper) for path in snakemake.input.get("chunks", ())]):
         chunk, chunks = int(snakemake.wildcards.get("chunk", 0)), int(snakemake.wildcards.get("chunks", 1))
-        evaluator = Evaluator(catalogue(paper), input_model(paper), project, job.made["size"], job.made["own"])
-        sample = [held(run, evaluator.study, one) for run in committed for one in job.made["sample"]]
-        universes = sample or design(evaluator.study.choices, *job.made["designs"])
+        evaluator = Evaluator(catalogue(paper), input_model(paper), project, job.params["size"], job.params["own"])
+        choices, numbers = evaluator.study.choices, job.params["sample"]
+        sample = [held(run, choices, number, path) for path, run in committed.items() for number in numbers]
+        universes = sample or design(choices, *job.params["designs"])
         title = f"{paper}, chunk {chunk + 1} of {chunks}"
         tables = [tabulated(evaluator, universes[chunk::chunks], title)]  # as many of each design in every chunk
     table = gathered(tables)
-    for run in committed:
-        require_same(run, table, paper)
-    provenance = {"size": job.made["size"], "world": job.made["world"]}
+    for path, run in committed.items():
+        require_same(run, table, path)
+    provenance = {"size": job.params["size"], "world": job.params["world"]}
     store.save(snakemake.output[0], table, paper=paper, reading="universes", provenance=provenance)

@@ -23,11 +23,10 @@ def specification_curve(judge: Judge, claim: str, title: str):
 
     Every point is a universe, coloured by its verdict; the line is what is printed, or the limit of a statement.
     """
-    judged, table = judge.judged(claim), judge.table
-    place = judge.component_place(claim)
-    values, errors_of, limits_of = judge.numbers[:, :, place]
+    judged, table, found = judge.judged(claim), judge.table, judge.of[claim]
+    values, errors_of, limits_of = found.numbers[:, :, found.deciding]
     order = [k for k in np.argsort(values, kind="stable") if np.isfinite(values[k])]
-    verdicts = judge.verdicts[order, judge.column[claim]]
+    verdicts = found.verdicts[order]
     shown = _shown(judge, judged.alone, judged.together, [one.choice for one in judged.indices])
     rows = [(one, value) for one in shown for value in ([None] if one.range else list(one.alternatives))]
     figure, axes = new_figure(
@@ -47,14 +46,14 @@ def specification_curve(judge: Judge, claim: str, title: str):
             axes[0].errorbar(x[those], values[at], errors, fmt=".", ms=4, lw=0.6, color=COLOURS[label], label=name)
     limits = np.unique(limits_of[order]) if len(order) else []
     if len(limits) == 1:
-        axes[0].axhline(limits[0], color=BLACK, lw=0.9, label="limit" if judge.is_statement(claim) else "printed")
+        axes[0].axhline(limits[0], color=BLACK, lw=0.9, label="limit" if found.is_statement else "printed")
     if judge.base in order:
         axes[0].plot(order.index(judge.base), values[judge.base], "o", mfc="none", mec=BLACK, ms=7, label="corrected")
     typical = np.percentile(np.abs(values[order]), 80) if order else 0.0
     if order and 0.0 < 8.0 * typical < np.abs(values[order]).max():
         axes[0].set_yscale("symlog", linthresh=typical)
     axes[0].set_title(title)
-    axes[0].set_ylabel(_named(judge.published[claim]))
+    axes[0].set_ylabel(_named(found.claim))
     if axes[0].get_legend_handles_labels()[0]:
         axes[0].legend(loc="best")
     _dots(axes[1], judge, rows, order)
@@ -101,8 +100,8 @@ def tornado(judge: Judge, claim: str, title: str):
     names = list(dict.fromkeys(one.choice for one in effects))[:12]
     figure, axes = new_figure(6.4, 1.3 + 0.5 * max(len(names), 1))
     for k, name in enumerate(names):
-        own = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
-        for place, one in enumerate(own):
+        bars = sorted((one for one in effects if one.choice == name), key=lambda one: -one.size)
+        for place, one in enumerate(bars):
             size = min(one.size, LARGEST_SIZE) * (1.0 if one.towards else -1.0)
             turned = _turns(judge.verdict(claim), one.verdict)
             axes.barh(k, size, height=0.5, color=BLUE if one.towards else VERMILION, alpha=0.55)
@@ -161,10 +160,10 @@ def _turns(before: str, after: str) -> bool:
 
 def pictures(judge: Judge, matching: Matching) -> list:
     """Return the heat map, what is left of the choices, and curve and tornado of each headline in turn."""
-    drawn = [heat_map(judge, list(judge.column)), closing_in(matching.waves, matching.varied)]
+    drawn = [heat_map(judge, list(judge.of)), closing_in(matching.waves, matching.varied)]
     for claim in matching.headlines:
         title = claim.plain or in_words(claim.id)
-        if claim.id in judge.column:
+        if claim.id in judge.of:
             drawn += [specification_curve(judge, claim.id, title), tornado(judge, claim.id, title)]
         else:
             drawn += [nothing(f"{title}\nis a claim on the method, which no universe evaluates")] * 2

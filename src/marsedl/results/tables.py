@@ -96,9 +96,10 @@ def universes(paper: str, build: str | Path | None = None, *, committed: bool = 
     }
     rows = pd.DataFrame({"universe": table.number, "design": [DESIGNS[k] for k in table.design], **columns})
     frames = []
-    for place, (claim, label) in enumerate(judge.component):
-        at, is_statement = judge.column[claim], judge.is_statement(claim)
-        value, error, limit = judge.numbers[:, :, place]
+    places = [(one, place) for one in judge.of.values() for place in range(len(one.labels))]
+    for one, place in places:
+        claim, label, is_statement = one.claim.id, one.labels[place], one.is_statement
+        value, error, limit = one.numbers[:, :, place]
         frames.append(
             rows.assign(
                 claim=claim,
@@ -106,11 +107,11 @@ def universes(paper: str, build: str | Path | None = None, *, committed: bool = 
                 value=value,
                 standard_error=error,
                 limit=limit,
-                decides=judge.tests[:, at] == place if is_statement else True,
-                verdict=judge.verdicts[:, at] if is_statement else judge.of_numbers[:, place],
-                claim_verdict=judge.verdicts[:, at],
-                trials=judge.trials[:, at],
-                cause=judge.cause[:, at],
+                decides=one.tests == place if is_statement else True,
+                verdict=one.verdicts if is_statement else one.of_numbers[:, place],
+                claim_verdict=one.verdicts,
+                trials=one.trials,
+                cause=one.cause,
             )
         )
     frame = pd.concat(frames, ignore_index=True).sort_values(["universe", "component"], ignore_index=True)

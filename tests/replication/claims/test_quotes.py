@@ -15,7 +15,7 @@ from marsedl.replication.claims.quotes import (
     numbers_of,
     quotes_in,
     with_numbers,
-    with_own_numbers,
+    with_numbers_of_a_claim,
 )
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs.yaml_file import read_yaml
@@ -113,14 +113,16 @@ def test_a_number_that_only_another_reading_has_is_a_dash():
 
 def test_the_reason_of_a_claim_leaves_it_out():
     numbers = {"corrected": {"value": [1.0, 2.5], "spread": 0.25}, "euler": {"value": 3.0}, "coarse": None}
-    text = with_own_numbers("{value[1]:.2f}, {spread:.0%}, {euler.value:g}, {coarse.spread:.1f}", numbers, "corrected")
+    text = with_numbers_of_a_claim(
+        "{value[1]:.2f}, {spread:.0%}, {euler.value:g}, {coarse.spread:.1f}", numbers, "corrected"
+    )
     assert text == "2.50, 25 %, 3, –"
-    assert with_own_numbers("{depth:.1f}, {euler.value:g}", numbers, "coarse") == "–, 3"
+    assert with_numbers_of_a_claim("{depth:.1f}, {euler.value:g}", numbers, "coarse") == "–, 3"
     for text, message in (("{spred}", "did you mean 'spread'"), ("{euler.spread}", "no 'spread'")):
         with pytest.raises(ValueError, match=message):
-            with_own_numbers(text, numbers, "corrected")
+            with_numbers_of_a_claim(text, numbers, "corrected")
     with pytest.raises(ValueError, match="'euler' is the name of a reading and of a number"):
-        with_own_numbers("", {**numbers, "corrected": {"euler": 1.0}}, "corrected")
+        with_numbers_of_a_claim("", {**numbers, "corrected": {"euler": 1.0}}, "corrected")
 
 
 def test_all_texts_of_a_paper_are_filled_and_a_wrong_one_is_named():

@@ -52,6 +52,19 @@ def test_stages_products_and_functions_belong_together(slug):
     assert set(model.CASES.values()) <= set(model.names())
 
 
+@pytest.mark.parametrize("slug", SLUGS)
+def test_the_first_table_of_a_job_takes_all_artifacts_and_none_waits_for_flights_of_another(slug):
+    """A reading may lack a case, and has the other tables nevertheless."""
+    paper = catalogue(slug)
+    jobs = paper.tables_by_job()
+    assert sorted(stem for stems in jobs for stem in stems) == sorted(paper.tables)
+    for first, *others in ([paper.tables[stem] for stem in stems] for stems in jobs):
+        for one in others:
+            assert {*one.needs} <= {*first.needs} and bool(one.needs) == bool(first.needs)
+            flights = {need for need in (*first.needs, *first.optional) if need.startswith("montecarlo.")}
+            assert flights <= {*one.needs, *one.optional} and one.optional == first.optional
+
+
 def test_scripts_are_short_and_hold_no_science():
     for path in SCRIPTS:
         text = path.read_text(encoding="utf-8")

@@ -45,10 +45,10 @@ class Named(list):
         return vars(self).get(name)
 
 
-def job_of(tmp_path, *, libraries=LIBRARIES, files=(), **made):
-    made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries, **made}
+def job_of(tmp_path, *, libraries=LIBRARIES, files=(), **given):
+    given = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries, **given}
     return SimpleNamespace(
-        params=Named(made=made),
+        params=Named(given=given),
         input=Named(artifacts=[*files]),
         output=Named(out=str(tmp_path / "out.h5")),
         wildcards=Named(paper="p", reading="r"),
@@ -238,8 +238,8 @@ def test_a_path_that_bash_takes_is_accepted(monkeypatch, folder):
 def failing(tmp_path, pinned, capsys):
     """A function that runs a job which raises an error, or must not begin; returns what it says."""
 
-    def run(error=None, **made):
-        with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path, **made)):
+    def run(error=None, **given):
+        with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path, **given)):
             raise error or AssertionError("the body must not run")
         assert caught.value.code == 1
         return capsys.readouterr().err

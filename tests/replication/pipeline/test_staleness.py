@@ -119,8 +119,8 @@ def test_words_of_the_machinery_that_are_no_folders_of_readings_may_name_one(tmp
     )
     plan = products_of(path)
     for name in names:
-        made = plan.job(f"figures/powered_descent/{name}/fig07.png")
-        assert (made.name, made.own["stems"]) == (f"figures/powered_descent/{name}/fig07", ["fig07"])
+        job = plan.job(f"figures/powered_descent/{name}/fig07.png")
+        assert (job.name, job.params["stems"]) == (f"figures/powered_descent/{name}/fig07", ["fig07"])
         assert artifact_of(f"data/cache/powered_descent/{name}/nominal.h5")[1] == name
 
 
@@ -148,8 +148,8 @@ def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch)
         return worlds(plan)
 
     def worlds(plan):
-        own = [plan.job(f"report/universes/{slug}.h5").own for slug in slugs]
-        return [(one["world"], one.get("sample")) for one in own]
+        params = [plan.job(f"report/universes/{slug}.h5").params for slug in slugs]
+        return [(one["world"], one.get("sample")) for one in params]
 
     slugs = ("powered_descent", "desensitized")
     before = worlds(plain)

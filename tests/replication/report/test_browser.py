@@ -9,7 +9,8 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from marsedl.papers import SLUGS, catalogue
-from marsedl.replication.universes.deciding import read_decided
+from marsedl.replication.claims.rows import read_as
+from marsedl.replication.universes.deciding import Decided
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
@@ -157,7 +158,7 @@ def test_a_reader_turns_the_knobs_of_universes_and_sees_the_rows_of_the_table(vi
     page = visit(f"{slug}_evidence.html#explorer")
     told, claim = page.locator("#explorer output"), page.locator("#explorer label.wide select")
     claim.wait_for()
-    rows = read_decided(copied.path(f"report/universes/{slug}.json")).explorer
+    rows = read_as(Decided, copied.path(f"report/universes/{slug}.json")).explorer
     numbers, knobs, answers = rows["numbers"], rows["knobs"], rows["answers"]
     for at, answer in enumerate(answers):
         claim.select_option(str(at))

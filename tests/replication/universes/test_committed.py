@@ -29,7 +29,7 @@ def judges(slug: str, *sizes: int) -> list[Judge]:
 def test_a_quarter_of_the_universes_gives_the_same_shares(slug):
     """Of intervals at 95 %, nine of ten hold what four times as many universes give."""
     few, many = judges(slug, 32, 128)
-    shares = [(few.judged(name).over_all, many.judged(name).over_all) for name in few.column]
+    shares = [(few.judged(name).over_all, many.judged(name).over_all) for name in few.of]
     inside = [part.low <= whole.value <= part.high for part, whole in shares if part.of and whole.of]
     assert len(inside) > 20
     assert np.mean(inside) > 0.9
@@ -39,12 +39,12 @@ def test_indices_are_those_of_plain_loops():
     (judge,) = judges("powered_descent", 512)
     compared = 0
     for claim in (one for one in judge.published.values() if one.headline):
-        place = judge.component_place(claim.id)
+        numbers = judge.of[claim.id].numbers[0][:, judge.of[claim.id].deciding]
         found = {one.choice: one.ratio for one in judge.judged(claim.id).indices}
         if not found:
             continue
-        use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(judge.numbers[0][:, place])
-        values = judge.numbers[0][use, place].tolist()
+        use = (judge.table.design == DESIGNS.index(SPACE_FILLING)) & np.isfinite(numbers)
+        values = numbers[use].tolist()
         ranks = [sum(other < value for other in set(values)) for value in values]
         mean = sum(ranks) / len(ranks)
         total = sum((rank - mean) ** 2 for rank in ranks)

@@ -25,9 +25,9 @@ def verdicts(judge):
     """The verdicts of each claim: all of them, and those of the space-filling design."""
     every, filling = defaultdict(list), defaultdict(list)
     for at in range(len(judge.table.number)):
-        for name, column in judge.column.items():
-            if judge.cause[at, column] == "result":
-                every[name].append(str(judge.verdicts[at, column]))
+        for name, one in judge.of.items():
+            if one.cause[at] == "result":
+                every[name].append(str(one.verdicts[at]))
                 if judge.table.design[at] == 1 and judge.table.seed[at] == 0:
                     filling[name].append(every[name][-1])
     for name, row in judge.rows.items():
@@ -38,7 +38,7 @@ def verdicts(judge):
 
 def test_a_label_says_what_all_universes_and_readings_say(judge, verdicts):
     every, filling = verdicts
-    for name in judge.column:
+    for name in judge.of:
         of, standing = every[name], judge.standing(name)
         true, false, open_ = ({*of} & kinds for kinds in (STOOD, REFUTED, {"undetermined"}))
         deciding = sum(one in STOOD | REFUTED for one in filling[name])
@@ -55,7 +55,7 @@ def test_a_label_says_what_all_universes_and_readings_say(judge, verdicts):
 
 
 def test_no_choice_decides_by_itself_and_only_in_combination(judge):
-    for name in judge.column:
+    for name in judge.of:
         one = judge.standing(name)
         assert not {*one.alone} & {*one.together}, name
 
@@ -63,7 +63,7 @@ def test_no_choice_decides_by_itself_and_only_in_combination(judge):
 def test_a_cause_is_admissible_and_no_other_choice_does_better(judge):
     corrected = decoded(judge.choices, judge.table.assignment[judge.base])
     compared = 0
-    for name in judge.column:
+    for name in judge.of:
         row, cause = judge.rows[name], judge.judged(name).cause
         if row.verdict not in REFUTED:
             assert cause is None, name
@@ -71,11 +71,7 @@ def test_a_cause_is_admissible_and_no_other_choice_does_better(judge):
         admitted = set()
         for at in range(len(judge.table.number)):
             values = decoded(judge.choices, judge.table.assignment[at])
-            if (
-                judge.table.design[at] == 0
-                and not judge.table.seed[at]
-                and judge.verdicts[at, judge.column[name]] in STOOD
-            ):
+            if judge.table.design[at] == 0 and not judge.table.seed[at] and judge.of[name].verdicts[at] in STOOD:
                 admitted.add((choice := only_moved(judge.choices, values, corrected), values.get(choice)))
         for reading, varied in judge.points.items():
             admitted.discard(varied)
@@ -100,7 +96,7 @@ def test_a_cause_is_admissible_and_no_other_choice_does_better(judge):
 
 
 def _before(judge, name):
-    before = judge.numbers[:, judge.base, judge.component_place(name)].tolist()
+    before = judge.of[name].number(judge.base)
     return before, judge.verdict(name) == "fails", before
 
 

@@ -11,6 +11,7 @@ import pytest
 from marsedl.replication.checks.universes import accept_universes, compare_universes
 from marsedl.replication.claims.claim import Claim, Margin, Result
 from marsedl.replication.claims.printed import PublishedClaim
+from marsedl.replication.claims.rows import read_as, write_as
 from marsedl.replication.claims.verdicts import Declaration
 from marsedl.replication.errors import InfeasibleError, InputError
 from marsedl.replication.inputs.choices import Source, of_written
@@ -19,7 +20,7 @@ from marsedl.replication.inputs.sections import Inputs, Number, Section, given
 from marsedl.replication.inputs.written import configuration
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
-from marsedl.replication.universes.deciding import decided, read_decided, write_decided
+from marsedl.replication.universes.deciding import Decided, decided
 from marsedl.replication.universes.designs import AGAIN, Universe, one_at_a_time, redrawn, space_filling
 from marsedl.replication.universes.joint import in_sentences, joint
 from marsedl.replication.universes.judging import Judge, correlation_ratio, share
@@ -109,13 +110,15 @@ def outcomes(universe):
     return {one.id: found[one.id] for one in PUBLISHED}
 
 
-def table(universes):
+def table(universes, without=()):
+    """The table of universes; without: claims that these do not ask for."""
     evaluator = SimpleNamespace(
         study=SimpleNamespace(choices=CHOICES),
         asked=[one.id for one in PUBLISHED],
         published={one.id: one for one in PUBLISHED},
     )
-    return table_of(evaluator, [Row(one, outcomes(one)) for one in universes])
+    absent = dict.fromkeys(without, Outcome("not_asked"))
+    return table_of(evaluator, [Row(one, outcomes(one) | absent) for one in universes])
 
 
 DECLARED = {one.id: Declaration() for one in PUBLISHED}
@@ -139,6 +142,12 @@ def test_what_is_robust_what_depends_and_what_never_holds(judge):
     assert stands["upwards"].alone == ("angle",)
     assert stands["is_odd"].alone == ("form",), "the misprint turns it, though no space-filling universe has it"
     assert sorted((*stands["line"].alone, *stands["line"].together)) == ["angle", "slope"]
+
+
+def test_a_statement_that_no_universe_asks_for_has_no_number_of_another_claim():
+    one = judge_of(table([*one_at_a_time(CHOICES), *space_filling(CHOICES, 16)], without=["upwards"])).judged("upwards")
+    assert (one.label, one.component, one.over_results.of) == ("not_computed", "", 0)
+    assert math.isnan(one.number) and math.isnan(one.printed) and math.isnan(one.noise)
 
 
 def test_effects_of_each_value_by_itself(judge):
@@ -182,8 +191,8 @@ def test_a_page_says_what_an_erratum_changes_and_what_decides(judge, tmp_path):
     rows = [claim_row(judge, one, errata=("E1",) if one.id == "line" else ()) for one in PUBLISHED]
     rows[0] = rows[0].model_copy(update={"choices": ("slope",)})
     errata = Erratum("E1", "", "", ""), Erratum("E2", "", "", "")
-    write_decided(decided(rows, errata, judge, Matching(judge)), tmp_path / "decided.json")
-    found = read_decided(tmp_path / "decided.json")
+    write_as(Decided, decided(rows, errata, judge, Matching(judge)), tmp_path / "decided.json")
+    found = read_as(Decided, tmp_path / "decided.json")
     first, second = found.errata
     assert (first.erratum, first.rank, first.refuted) == ("E1", "headline", ("line",))
     assert (first.headline, first.effect.difference) == ("line", pytest.approx(-1.0))
@@ -195,7 +204,7 @@ def test_a_page_says_what_an_erratum_changes_and_what_decides(judge, tmp_path):
     slope, form = found.open
     assert (form.choice, form.low, form.high) == ("form", 0.5, 0.5)
     assert (slope.choice, slope.low, slope.high) == ("slope", 0.0, 1.0)
-    assert found.standings == {name: judge.standing(name) for name in judge.column}
+    assert found.standings == {name: judge.standing(name) for name in judge.of}
     assert found.standings["constant"].label == "robust"
 
 
@@ -204,10 +213,11 @@ def test_the_explorer_has_the_numbers_and_verdicts_of_every_universe(judge):
     found = decided(rows, (), judge, Matching(judge)).explorer
     assert found["numbers"] == judge.table.number.tolist()
     for answer in found["answers"]:
-        numbers = judge.numbers[0][:, judge.component_place(answer["claim"])]
+        one = judge.of[answer["claim"]]
+        numbers = one.numbers[0][:, one.deciding]
         assert answer["values"] == pytest.approx(numbers.tolist(), rel=1e-3, nan_ok=True)
         verdicts = [found["verdicts"][place][0] for place in answer["verdicts"]]
-        assert verdicts == judge.verdicts[:, judge.column[answer["claim"]]].tolist()
+        assert verdicts == one.verdicts.tolist()
     for knob, choice, assigned in zip(found["knobs"], judge.choices, judge.table.assignment.T, strict=True):
         for place, number in zip(knob["places"], assigned.tolist(), strict=True):
             value, words = knob["values"][place]

@@ -96,7 +96,7 @@ def test_a_table_of_other_choices_is_refused(tmp_path):
     path = table_in(tmp_path, SLUG, Universe(1003, "space_filling", {}))
     study = STUDIES[SLUG]
     fewer = replace(study.choices, by_name=dict([*study.choices.by_name.items()][1:]))
-    with pytest.raises(InputError, match="has other choices than this project"):
+    with pytest.raises(InputError, match=f"{path} has other choices than this project"):
         found(replace(study, choices=fewer), 1003, [path])
 
 

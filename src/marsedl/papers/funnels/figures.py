@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import SymmetricalLogLocator
 
-from marsedl.papers.funnels.basics import COMPLETE, HEAT_RATE, LEVEL
+from marsedl.papers.funnels.basics import COMPLETE, LEVEL
 from marsedl.papers.funnels.inputs import Mission, Planet, Studies
 from marsedl.papers.funnels.records import (
     STATE,
@@ -119,7 +119,7 @@ def fig03(funnel: Funnel, constant: FlightEnsemble) -> Figure:
     step = funnel.time[1]
     number = Field(np.arange(len(funnel.step)) + 1.0, "time step $k$", "1")
     level = field(funnel, "level", name=r"funnel boundary $\rho$", x=number)
-    largest = Field(constant.maximum_over_trials[:, LEVEL], LARGEST_LEVEL, "1", number.of(1.0 + constant.time / step))
+    largest = Field(_largest_observed(constant, "level"), LARGEST_LEVEL, "1", number.of(1.0 + constant.time / step))
     tenths = [largest.of(values) for values in _extremes(constant.repeat_maximum[:, :, LEVEL])]
     panels[1].set_yscale("log")
     for axes in panels:
@@ -238,7 +238,7 @@ def heating(nominal: Nominal, linearization: Linearization, funnel: Funnel, cons
     reference = field(linearization, "heat_rate", unit=HEAT, x="half_time")
     on_funnel = field(funnel, "heat_rate", unit=HEAT, x="time")
     peak = field(nominal, "peak_heat_rate", unit=HEAT).values  # between the points that are drawn, too
-    largest = converted(constant.maximum_over_trials[:, HEAT_RATE], "W/m^2", HEAT)
+    largest = converted(_largest_observed(constant, "heat_rate"), "W/m^2", HEAT)
     flights = Field(largest, reference.name, HEAT, field(constant, "time"))
     mark(axes, y=limit, label=f"limit of the nominal, {limit:g}", **LIMIT)
     plot(axes, reference, color=BLACK, label=f"nominal, up to {peak:.2f}")
@@ -391,7 +391,12 @@ def _about_zero(width):
 
 def _largest_level(ensemble):
     """Largest V of the flights over time."""
-    return Field(ensemble.maximum_over_trials[:, LEVEL], LARGEST_LEVEL, "1", field(ensemble, "time"))
+    return Field(_largest_observed(ensemble, "level"), LARGEST_LEVEL, "1", field(ensemble, "time"))
+
+
+def _largest_observed(ensemble, name):
+    """The largest value over the trials of what is observed under a name, over time."""
+    return ensemble.maximum_over_trials[:, ensemble.observed_name.tolist().index(name)]
 
 
 def _largest(values):

@@ -67,18 +67,18 @@ def of_other_build(name: str, study: Study, build: Path) -> Alternative:
     Raises InputError if its claims or artifacts are not there.
     """
     side, used = side_of(name, study, build), {}
-    own, shared = (json.loads(json.dumps(study.readings[one].inputs.plain())) for one in (name, CORRECTED))
+    ours, default = (json.loads(json.dumps(study.readings[one].inputs.plain())) for one in (name, CORRECTED))
     folders = [build / "data/cache" / study.paper / reading for reading in dict.fromkeys((CORRECTED, name))]
     for path in (path for folder in folders for path in sorted(folder.glob("*.h5"))):
-        made = store.provenance(path)
+        stored = store.provenance(path)
         theirs = path.parent.name == name  # else an artifact of corrected, which tells what the two share
-        used |= {key: value for key, value in made["inputs"].items() if theirs or own.get(key) == shared.get(key)}
+        used |= {key: value for key, value in stored["inputs"].items() if theirs or ours.get(key) == default.get(key)}
     if not used:
         raise InputError(f"{folders[-1]} has no artifacts, which say what inputs they were made with; copy them too")
     inputs = study.readings[name].inputs
-    other = {key: with_unit(str(value), inputs.unit(key) if key in own else "")
-             for key, value in used.items() if own.get(key) != value}  # fmt: skip
-    return replace(side, name=f"{build}:{name}", inputs={**side.inputs, **other, "size": made["size"]})
+    other = {key: with_unit(str(value), inputs.unit(key) if key in ours else "")
+             for key, value in used.items() if ours.get(key) != value}  # fmt: skip
+    return replace(side, name=f"{build}:{name}", inputs={**side.inputs, **other, "size": stored["size"]})
 
 
 def of_universe(number: int, study: Study, path: Path) -> Alternative:
@@ -88,8 +88,8 @@ def of_universe(number: int, study: Study, path: Path) -> Alternative:
     """
     if not path.exists():
         raise InputError(f"{path} is missing; run 'snakemake report/universes/{study.paper}.h5'")
-    table, universe = store.load(path, Universes, paper=study.paper), held(path, study, number)
-    if universe is None:
+    table = store.load(path, Universes, paper=study.paper)
+    if (universe := held(table, study.choices, number, path)) is None:
         first = ", ".join(map(str, table.number[:3]))
         raise InputError(f"{path} has no universe {number}; its numbers begin with {first}")
     values = study.choices.complete(universe.assignment).items()

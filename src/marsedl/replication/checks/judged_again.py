@@ -7,7 +7,7 @@ from marsedl.replication.checks.reference import compare, fingerprints, format_c
 from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.counts import plural
 from marsedl.replication.claims.printed import load_measured, published_by_id
-from marsedl.replication.claims.rows import read_claims, read_evaluations
+from marsedl.replication.claims.rows import Evaluations, read_as, read_claims
 from marsedl.replication.claims.writing import claims_of, judged
 from marsedl.replication.pipeline.injection import Arguments
 from marsedl.replication.pipeline.products import BENCHMARKS
@@ -31,7 +31,7 @@ def judged_again(root: Path, build: Path, slug: str, given: Mapping) -> list[Cla
 
     published = published_by_id(root / "data" / "published" / f"{slug}.yaml")
     measured = load_measured(root / BENCHMARKS, slug) if given["measured"] else None
-    points = read_evaluations(build / f"report/points/{slug}.json")
+    points = read_as(Evaluations, build / f"report/points/{slug}.json")
     return judged(
         claims_of(slug), {name: asked(name) for name in given["inputs"]}, published, points, measured, **given["judged"]
     )

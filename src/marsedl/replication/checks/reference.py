@@ -16,8 +16,8 @@ from marsedl.replication.claims.claim import Claim
 from marsedl.replication.claims.committed import BUILD, COUNTEREXAMPLES, MOMENTS, PUBLISHED, VERDICTS
 from marsedl.replication.claims.counts import plural
 from marsedl.replication.claims.moved import Entry, Moved, largest_first, moved, relative
-from marsedl.replication.claims.numbers import NOT_EVALUATED
-from marsedl.replication.claims.rows import read_claims, read_counterexamples, unexplained
+from marsedl.replication.claims.numbers import NOT_EVALUATED, format_number, told_apart
+from marsedl.replication.claims.rows import Counterexamples, read_as, read_claims, unexplained
 from marsedl.replication.errors import InputError, MarsedlError, shown
 from marsedl.replication.files import write_text
 from marsedl.replication.inputs import CORRECTED
@@ -206,23 +206,31 @@ def sizes_of(both: Iterable[Moved]) -> dict[str, float]:
     return {one.name: one.size for one in both if one.is_on_both and not one.name.startswith(_TEXTS)}
 
 
+def _furthest(one: Moved) -> int:
+    """The place of the moment that moved most, if both sides have the same moments."""
+    if one.is_on_both and one.same_unit and len(one.before.value):
+        return int(np.argmax(np.abs(one.before.value - one.after.value) / one.before.rounding))
+    return 0
+
+
 def _described(one: Moved) -> list[str]:
     """Both sides in a few words: a text; a number, the moment of an array that moved most, or its shape."""
-    at = 0
-    if one.is_on_both and one.same_unit and len(one.before.value):
-        at = int(np.argmax(np.abs(one.before.value - one.after.value) / one.before.rounding))
+    at = _furthest(one)
 
-    def text(entry: Entry | None) -> str:
+    def text(entry: Entry | None, other: Entry | None) -> str:
         if entry is None:
             return NOT_EVALUATED
         if not len(entry.value):
             return entry.verdict or entry.unit
-        number = f"{entry.value[at]:.10g}"
+        if other is not None and len(other.value):
+            number, _ = told_apart(entry.value[at], other.value[at])
+        else:
+            number = format_number(entry.value[at])
         if entry.unit != "shape []":
             return f"{entry.unit}, {MOMENTS[at]} {number}"
         return {"1": "true", "0": "false"}.get(number, number) if entry.said == _TRUTH else number
 
-    return [text(one.before), text(one.after)]
+    return [text(one.before, one.after), text(one.after, one.before)]
 
 
 def format_changes(both: Sequence[Moved], rows: Sequence[Claim] = (), *, all_of_them: bool = True) -> str:
@@ -247,7 +255,8 @@ def format_changes(both: Sequence[Moved], rows: Sequence[Claim] = (), *, all_of_
         if is_text and size == 0.0:
             apart = "same number"
         elif apart and error and isinstance(error, int | float):
-            off = abs(float(new) - float(old)) / float(np.sqrt(2.0) * error)
+            at = _furthest(one)
+            off = abs(one.after.value[at] - one.before.value[at]) / (math.sqrt(2.0) * error)
             apart = f"{off:.3g} standard errors"
         said = words.get(re.split("[/,]", name)[0]) if kind else ""
         named = _KINDS.get(kind, "") + name
@@ -418,7 +427,7 @@ def _found(build: Path, shared: Shared, folder: Path | None) -> tuple[list[Claim
     entries = _without(entries, _readings_of(entries) - shared.study.readings.keys())
     if folder is not None:
         return rows, entries, []
-    turned = read_counterexamples(build / f"report/counterexamples/{slug}.json")
+    turned = read_as(Counterexamples, build / f"report/counterexamples/{slug}.json")
     entries |= {f"{COUNTEREXAMPLES}{name}": each.to if each else NOT_TURNED for name, each in turned.items()}
     reason = "differs or fails without a reason that names an erratum"
     return rows, entries, [f"{slug}: claim {claim} {reason}" for claim in unexplained(rows)]

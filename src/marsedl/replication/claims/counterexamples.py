@@ -138,10 +138,10 @@ class Perturbation:
 
     def _place(self, axes: Any) -> tuple:
         """Index of the entries of a component."""
-        own = [axis is not None and self.component in axis.names for axis in axes]
-        if not any(own):
+        along = [axis is not None and self.component in axis.names for axis in axes]
+        if not any(along):
             raise InputError(f"counterexample of '{self.target}': no component '{self.component}'")
-        return tuple(axis.index(self.component) if has else slice(None) for axis, has in zip(axes, own, strict=True))
+        return tuple(axis.index(self.component) if has else slice(None) for axis, has in zip(axes, along, strict=True))
 
 
 scaled = partial(Perturbation, "scaled")  # by a factor of a tenth to ten

@@ -39,7 +39,7 @@ def quotes_in(text: str) -> list[tuple[str, str]]:
     return pairs
 
 
-def with_own_numbers(reason: str, numbers: Mapping[str, Mapping[str, Any] | None], reading: str) -> str:
+def with_numbers_of_a_claim(reason: str, numbers: Mapping[str, Mapping[str, Any] | None], reading: str) -> str:
     """Return the reason of a claim with its numbers; raises ValueError if one does not exist.
 
     numbers: those of the claim by reading and name, None for a reading without any; reading: that which is not named.

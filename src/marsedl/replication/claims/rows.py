@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ from marsedl.replication.records.tables import Column, csv_text, markdown, table
 if TYPE_CHECKING:
     import pandas as pd
 
-_Evaluations = dict[str, dict[str, Evaluation | None]]  # by reading and claim
+# What jobs of claims hand on, as types of `write_as` and `read_as`.
+Evaluations = dict[str, dict[str, Evaluation | None]]  # by reading and claim
+Counterexamples = dict[str, Counterexample | None]  # by claim
 
 
 def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
@@ -31,31 +33,16 @@ def write_claims(rows: Iterable[Claim], path: str | Path) -> None:
 
 def read_claims(path: str | Path) -> list[Claim]:
     """Read what `write_claims` wrote; raises ArtifactError if the file is missing, damaged, or no list of claims."""
-    return read_json(list[Claim], path)
-
-
-def read_counterexamples(path: str | Path) -> dict[str, Counterexample | None]:
-    """Read the counterexamples of a paper's claims; raises as `read_claims`."""
-    return read_json(dict[str, Counterexample | None], path)
-
-
-def write_evaluations(evaluations: Mapping[str, Mapping[str, Evaluation | None]], path: str | Path) -> None:
-    """Write evaluations by reading and claim; numbers that are not finite stay so."""
-    write_as(_Evaluations, evaluations, path)
-
-
-def read_evaluations(path: str | Path) -> _Evaluations:
-    """Read what `write_evaluations` wrote; raises as `read_claims`."""
-    return read_json(_Evaluations, path)
+    return read_as(list[Claim], path)
 
 
 def write_as(kind: Any, value: Any, path: str | Path) -> None:
-    """Write what `read_json` reads as a type; numbers that are not finite stay so."""
+    """Write what `read_as` reads as a type; numbers that are not finite stay so."""
     adapter = TypeAdapter(kind, config=ConfigDict(ser_json_inf_nan="constants"))
     write_text(path, adapter.dump_json(value, indent=1).decode() + "\n")
 
 
-def read_json(kind: Any, path: str | Path) -> Any:
+def read_as(kind: Any, path: str | Path) -> Any:
     """Read what a job of claims wrote, as a type; raises ArtifactError if it is missing, damaged, or of another one."""
     try:
         return TypeAdapter(kind).validate_json(Path(path).read_bytes())

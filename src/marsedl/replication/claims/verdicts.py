@@ -19,7 +19,7 @@ from marsedl.replication.claims.counterexamples import Perturbation
 from marsedl.replication.claims.names import AGREEING_VERDICTS, BY_CONSTRUCTION, MEASURED, REFUTED_VERDICTS
 from marsedl.replication.claims.numbers import finite_values, is_number, plain
 from marsedl.replication.claims.printed import PublishedClaim
-from marsedl.replication.claims.quotes import with_own_numbers
+from marsedl.replication.claims.quotes import with_numbers_of_a_claim
 from marsedl.replication.claims.thresholds import SIGMAS, THIN, WIDE
 from marsedl.replication.errors import ArtifactError, InputError, nearest
 from marsedl.replication.inputs import CORRECTED, PRINTED
@@ -392,7 +392,7 @@ def _reason(claim, declaration, first, evaluations, verdict, left_out) -> str:
         always = {"value": evaluation.value, "standard_error": evaluation.standard_error, "trials": evaluation.trials}
         numbers[name] = None if evaluation.failed else always | evaluation.numbers
     try:
-        text = with_own_numbers(declaration.reason, numbers, first)
+        text = with_numbers_of_a_claim(declaration.reason, numbers, first)
     except (ValueError, TypeError) as error:
         where = f"{claim.paper}: claim {claim.id}"
         raise InputError(f"{where}: the reason quotes a number that does not exist: {error}") from None

@@ -135,11 +135,18 @@ class Paper:
         """Return a figure or table that exists for every reading."""
         return self.figures.get(stem) or self.tables[stem]
 
-    def tables_of_equal_needs(self) -> list[list[str]]:
-        """Return the names of the tables, those together that are made from the same artifacts."""
+    def tables_by_job(self) -> list[list[str]]:
+        """Return the names of the tables that one job makes, the first of which takes all artifacts of the others.
+
+        They are made from the same artifacts, or from some of them; where these hold flights, which a reading may lack,
+        from the same alone.
+        """
         groups: dict[tuple, list[str]] = {}
-        for stem, table in self.tables.items():
-            groups.setdefault((table.needs, table.optional), []).append(stem)
+        for stem, table in sorted(self.tables.items(), key=lambda named: -len(named[1].needs)):
+            taken = table.needs, table.optional
+            wider = [of for of in groups if {*taken[0]} <= {*of[0]} and not any(FLIGHTS in need for need in of[0])]
+            job = wider[0] if taken[0] and wider else taken
+            groups.setdefault(job, []).append(stem)
         return list(groups.values())
 
 

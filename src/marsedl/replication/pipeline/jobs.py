@@ -21,12 +21,12 @@ from marsedl.replication.records.recipes import write_record
 class Job:
     """One job, from the `snakemake` object that its script is given.
 
-    `made` is what the product is made from beside other products, as `pipeline/products.py` has it.
+    `params` are what it is given beside files, as `pipeline/products.py` has them.
     """
 
     def __init__(self, snakemake):
         """Take the job's description."""
-        self.made, self.input, self.output = snakemake.params.made, snakemake.input, snakemake.output
+        self.params, self.input, self.output = snakemake.params.given, snakemake.input, snakemake.output
         wildcards = dict(snakemake.wildcards.items())
         if "place" in wildcards:  # of a figure or table
             wildcards["reading"] = wildcards["place"].strip("/") or CORRECTED
@@ -48,7 +48,7 @@ class Job:
                 return [self.load(path, *typing.get_args(kind)) for path in self.input.chunks]
             return self.load(paths[name], kind) if name in paths else None
 
-        return Arguments(self.made["inputs"] if values is None else values, load)
+        return Arguments(self.params["inputs"] if values is None else values, load)
 
     def load(self, path: str, kind: type) -> typing.Any:
         """Return an artifact of a file."""
@@ -64,26 +64,26 @@ class Job:
         from marsedl.replication.records import store
         from marsedl.replication.records.recipes import recipe_digest
 
-        for path, recipe in zip(self.output, self.made["recipes"], strict=True):
-            entries, options = self.made["entries"], recipe["options"]
+        for path, recipe in zip(self.output, self.params["recipes"], strict=True):
+            entries, options = self.params["entries"], recipe["options"]
             if "chunk" in options:
                 entries = entries[:1]
             elif self.input.get("chunks"):
                 entries = entries[1:]
             artifact = computed(entries, self.given(recipe["inputs"]), options)
-            provenance = {"recipe": recipe_digest(recipe), "size": self.made["size"]}
+            provenance = {"recipe": recipe_digest(recipe), "size": self.params["size"]}
             store.save(path, artifact, paper=self.paper, reading=self.reading, provenance=recipe | provenance)
 
     def readings(self) -> dict[str, Arguments]:
         """Return what claims can ask for, by reading."""
-        files, inputs = self.made["artifacts"], self.made["inputs"]
+        files, inputs = self.params["artifacts"], self.params["inputs"]
         return {reading: self.given(inputs[reading], files[reading]) for reading in inputs}
 
     def check_libraries(self) -> None:
         """Raise MarsedlError if library versions differ from those that Snakemake planned with."""
         from marsedl.replication.pipeline.libraries import versions_used
 
-        planned = self.made.get("recipes", [self.made])[0].get("libraries", "")
+        planned = self.params.get("recipes", [self.params])[0].get("libraries", "")
         names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
         if planned and (present := versions_used(frozenset(names))) != planned:
             raise MarsedlError(
@@ -106,15 +106,15 @@ def guarded(snakemake) -> Iterator[Job]:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text("")
         # What a reading of the project does is known, and can be read in the log; a user is told of their own.
-        notes.addHandler(logging.StreamHandler() if job.made.get("users") else logging.NullHandler())
+        notes.addHandler(logging.StreamHandler() if job.params.get("users") else logging.NullHandler())
         notes.addHandler(logging.FileHandler(log, encoding="utf-8", delay=True))
         assert_numerics()
         job.check_libraries()
         yield job
         # What the products are made from is recorded when the job ends. A killed job leaves files that are not those
         # of the record.
-        if "record" in job.made:
-            write_record(*job.made["record"], snakemake.output)
+        if "record" in job.params:
+            write_record(*job.params["record"], snakemake.output)
     except Exception as error:
         folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).resolve().parents[1])
         place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading, "job": log.stem}

@@ -31,11 +31,11 @@ MEASURED_FROM = ("kind", "printed", "unit", "resolution", "trials", "input")  # 
 _TEMPLATES = "src/marsedl/replication/report/templates"
 
 
-class Made(NamedTuple):
+class PlannedJob(NamedTuple):
     """One job: its name, what it is given beside products, and the products that it takes."""
 
     name: str  # of its record; artifacts have none
-    own: dict[str, object]
+    params: dict[str, object]
     needs: list[str]
 
 
@@ -70,8 +70,8 @@ class Products:
         """Return all figures and tables of a paper that `snakemake all` makes."""
         catalogue = self.papers[paper]
         kinds = (catalogue.figures, "png pdf"), ([*catalogue.tables, "claims"], "csv md")
-        made = [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
-        return [*made, f"figures/{paper}/headline.png"]
+        files = [f"figures/{paper}/{stem}.{suffix}" for of, ends in kinds for stem in of for suffix in ends.split()]
+        return [*files, f"figures/{paper}/headline.png"]
 
     def compared(self) -> list[str]:
         """Return all figures and tables of the comparison across papers."""
@@ -94,9 +94,9 @@ class Products:
         libraries = frozenset().union(*map(self.sources.libraries, (script, *entries, *measuring)))
         return {"code": " ".join(digest[:16] for digest in digests), "libraries": versions_used(libraries)}
 
-    def _made(self, name: str, needs: Iterable[str], script: str, *entries: str, **own: object) -> Made:
+    def _scripted(self, name: str, needs: Iterable[str], script: str, *entries: str, **params: object) -> PlannedJob:
         """The job of a script that calls some functions."""
-        return Made(name, own | self._reached(script, *entries), [*needs])
+        return PlannedJob(name, params | self._reached(script, *entries), [*needs])
 
     def _file_digest(self, name: str) -> str:
         """The digest of a file of the project."""
@@ -114,19 +114,19 @@ class Products:
         """The digests of files of the project, of which the rule names those that a recipe has under `files`."""
         return {name: self._file_digest(name) for name in names}
 
-    def _job(self, path: str) -> Made:
+    def _job(self, path: str) -> PlannedJob:
         """The job that makes a product; `job` remembers it."""
         stem = path.rpartition("/")[2].rpartition(".")[0]
         match path.split("/"):
             case "data", *_:
                 paper, reading, name = artifact_of(path)
-                return Made("", self.shared[paper].recipe(reading, name), self.shared[paper].needs(reading, name))
+                return PlannedJob("", self.shared[paper].recipe(reading, name), self.shared[paper].needs(reading, name))
             case "report", "claims", _:
                 return self._claims(stem)
             case "report", "counterexamples", _:
                 needs = [*sorted(self.claimed(stem, CORRECTED).values()), f"report/claims/{stem}.json"]
                 job = f"report/counterexamples/{stem}", needs, "counterexamples.py", *self._claims_entries(stem)
-                return self._made(*job, **self._judging(stem, [CORRECTED]))
+                return self._scripted(*job, **self._judging(stem, [CORRECTED]))
             case "report", "universes", name if name.endswith(".json"):
                 return self._what_decides(stem)
             case "report", "points", _:
@@ -138,7 +138,7 @@ class Products:
             case "report", "claims.json":
                 kinds = "claims", "counterexamples", "universes"
                 needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
-                return self._made("report/claims", needs, "all_claims.py")
+                return self._scripted("report/claims", needs, "all_claims.py")
             case "report", *_:
                 return self._site()
             case _, "comparison", _:
@@ -150,15 +150,15 @@ class Products:
             case _, paper, *reading, _:
                 return self._product(paper, reading[0] if reading else CORRECTED, stem)
 
-    def _product(self, paper: str, reading: str, stem: str) -> Made:
-        """A figure, or all tables of equal needs, which one job makes."""
+    def _product(self, paper: str, reading: str, stem: str) -> PlannedJob:
+        """A figure, or all tables that one job makes, the first of which takes all artifacts."""
         catalogue, kind, stems = self.papers[paper], "figures", [stem]
         if stem not in catalogue.figures:
-            kind, stems = "tables", next(tables for tables in catalogue.tables_of_equal_needs() if stem in tables)
+            kind, stems = "tables", next(tables for tables in catalogue.tables_by_job() if stem in tables)
         products = [catalogue.product(name) for name in stems]
         inputs = {name for product in products for name in product.inputs}
         printed = any(product.published for product in products)
-        return self._made(
+        return self._scripted(
             f"figures/{paper}/{'' if reading == CORRECTED else f'{reading}/'}{stems[0]}",
             self.shared[paper].files(reading, products[0].needs, products[0].optional).values(),
             *(f"{kind}.py", *(entry_of(paper, kind, name) for name in stems)),
@@ -167,13 +167,13 @@ class Products:
             printed=self._file_digest(f"data/published/{paper}.yaml") if printed else "",
         )
 
-    def _comparison(self, stem: str) -> Made:
+    def _comparison(self, stem: str) -> PlannedJob:
         takes = self.comparisons[stem].takes
         files = [self.shared[slug].files(CORRECTED, taken.needs, taken.optional) for slug, taken in takes.items()]
         needs = [path for of_paper in files for path in of_paper.values()]
         entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
         inputs = {slug: self.shared[slug].inputs(CORRECTED, taken.inputs) for slug, taken in takes.items()}
-        return self._made(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
+        return self._scripted(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
 
     def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
         """What claims are judged from in some readings."""
@@ -188,7 +188,7 @@ class Products:
         """A paper's claims with what they share."""
         return self.sources.functions(f"marsedl.papers.{paper}.claims")
 
-    def _claims(self, paper: str) -> Made:
+    def _claims(self, paper: str) -> PlannedJob:
         study = self.studies[paper]
         judged = {
             "known_errata": [erratum.id for erratum in self.papers[paper].errata],
@@ -200,7 +200,7 @@ class Products:
         needs = [*self.cache(paper), f"report/points/{paper}.json"]
         job = f"report/claims/{paper}", needs, "claims.py", *self._claims_entries(paper)
         beside = self.papers[paper].beside
-        return self._made(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
+        return self._scripted(*job, judged=judged, beside=beside, **self._judging(paper, study.built))
 
     def _world_of(self, paper: str) -> dict[str, object]:
         """What is the same for all universes and named readings of a paper: all stages, and what measures its claims.
@@ -226,13 +226,13 @@ class Products:
             **self._reached(*stages, *constraint, measuring=tuple(self._claims_entries(paper))),
         }
 
-    def _points(self, paper: str) -> Made:
+    def _points(self, paper: str) -> PlannedJob:
         """What the named readings of a paper give, which are evaluated in memory."""
         inputs = {name: self.shared[paper].values[name] for name in (CORRECTED, *self.studies[paper].points)}
-        own = {"inputs": inputs, "points": [*inputs][1:], "script": self.sources.code("points.py")}
-        return Made(f"report/points/{paper}", self._world(paper) | own, [])
+        params = {"inputs": inputs, "points": [*inputs][1:], "script": self.sources.code("points.py")}
+        return PlannedJob(f"report/points/{paper}", self._world(paper) | params, [])
 
-    def _universes(self, paper: str, whole: str = "") -> Made:
+    def _universes(self, paper: str, whole: str = "") -> PlannedJob:
         """A paper's universes: what they are computed from, whichever they are (`world`), and which ones.
 
         They are a sample of the committed run, if that is of the same world, else a few; `whole` are all that a new run
@@ -247,7 +247,7 @@ class Products:
             designs = []
         files = self._files(self._committed_run(paper)) if sample else {}
         which = {"designs": designs, "sample": sample, "files": files}
-        return Made(f"report/universes/{whole}{paper}", given | which | {"world": world, "script": script}, [])
+        return PlannedJob(f"report/universes/{whole}{paper}", given | which | {"world": world, "script": script}, [])
 
     def _sample(self, paper: str, world: str, script: str) -> list[int]:
         """The numbers of universes of the committed run that a build computes again; none if it is of another world.
@@ -267,10 +267,10 @@ class Products:
             return sorted(by_chance[: self.studies[paper].universes.sample])
         return []
 
-    def _what_decides(self, paper: str) -> Made:
+    def _what_decides(self, paper: str) -> PlannedJob:
         """What is said of a paper's claims by its table of universes, or by the committed one, and by its readings."""
         study = self.studies[paper]
-        return self._made(
+        return self._scripted(
             f"report/universes/{paper}_what_decides",
             [f"report/universes/{paper}.h5", f"report/claims/{paper}.json"],
             *("what_decides.py", *self._claims_entries(paper)),
@@ -282,14 +282,14 @@ class Products:
             files=self._files(self._committed_run(paper)),
         )
 
-    def _site(self) -> Made:
+    def _site(self) -> PlannedJob:
         of_papers = [need for paper in self.papers for need in self.shown(paper) + self.cache(paper)]
         # Claims are not judged again where named readings alone are lost, so these are asked for themselves.
         of_papers += [f"report/{kind}/{paper}.json" for kind in ("universes", "points") for paper in self.papers]
         packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
         files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
-        return self._made(
+        return self._scripted(
             *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py"),
             size=self.size,
             readings={paper: self._described(paper) for paper in self.papers},
@@ -313,10 +313,10 @@ class Products:
 
     def digest(self, path: str) -> str:
         """Return the digest of a product's recipe, see `replication/records/recipes.py`."""
-        name, own, needs = self.job(path)
+        name, params, needs = self.job(path)
         key = name or path
         if key not in self._digests:
-            recipe = own if not name else {**own, "needs": {need: self.digest(need) for need in needs}}
+            recipe = params if not name else {**params, "needs": {need: self.digest(need) for need in needs}}
             self._digests[key] = recipe_digest(recipe)
         return self._digests[key]
 

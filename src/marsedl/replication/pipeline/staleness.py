@@ -27,7 +27,7 @@ def reason(products: Products, path: str, folder: Path, *, beside: bool = False)
         with opened(folder / path) as file:  # not all of its provenance, which takes long to read
             if file[PROVENANCE].attrs.get("recipe") == products.digest(path):
                 return ""
-        changes = recipe_changes(provenance(folder / path), products.job(path).own)
+        changes = recipe_changes(provenance(folder / path), products.job(path).params)
         return f"was made from something else: {'; '.join(changes)}"
     name, (digest, *_) = products.record(path)
     if not (folder / name).exists():
@@ -50,11 +50,11 @@ def is_stale(products: Products, path: str, folder: Path) -> bool:
         return False
 
 
-def own_changes(products: Products, path: str, folder: Path) -> str:
+def changed_apart_from_needs(products: Products, path: str, folder: Path) -> str:
     """Say what has changed since an artifact was made, but for the artifacts that it needs."""
     from marsedl.replication.records.store import provenance
 
-    return "; ".join(recipe_changes(provenance(folder / path), {**products.job(path).own, "needs": {}}))
+    return "; ".join(recipe_changes(provenance(folder / path), {**products.job(path).params, "needs": {}}))
 
 
 def check(products: Products, targets: Iterable[str], folder: Path, command: str) -> None:

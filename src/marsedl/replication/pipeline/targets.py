@@ -57,6 +57,8 @@ def _files(products: Products) -> set[str]:
             artifacts = [*stages, *(f"{FLIGHTS}.{case}" for case in reading.trial_counts())]
             files.update(artifact_path(slug, name, artifact) for artifact in artifacts)
             for of_kind, suffixes in ((paper.figures, ("png", "pdf")), (paper.tables, ("csv", "md"))):
-                made = [s for s, p in of_kind.items() if all(products.shared[slug].has(name, need) for need in p.needs)]
-                files.update(f"figures/{slug}/{name}/{stem}.{suffix}" for stem in made for suffix in suffixes)
+                whole = [
+                    s for s, p in of_kind.items() if all(products.shared[slug].has(name, need) for need in p.needs)
+                ]
+                files.update(f"figures/{slug}/{name}/{stem}.{suffix}" for stem in whole for suffix in suffixes)
     return files

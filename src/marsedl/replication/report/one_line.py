@@ -136,4 +136,4 @@ def _number(value: float, other: float | None, error: float = 0.0) -> str:
 def _digits(value: float, digits: int) -> str:
     """A number with this many digits, and all of those before the point."""
     whole = abs(value - round(value)) <= ROUNDING * abs(value) and abs(value) < 1e6
-    return f"{value:.0f}" if whole else near(value, value, digits=digits)
+    return format_number(value, resolution=1.0) if whole else near(value, value, digits=digits)

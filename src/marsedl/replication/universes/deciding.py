@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from marsedl.replication.claims.claim import Claim, Standing
 from marsedl.replication.claims.counts import capital
 from marsedl.replication.claims.names import AGREEING_VERDICTS, COUNTED_VERDICTS, REFUTED_VERDICTS
-from marsedl.replication.claims.rows import read_json, write_as
 from marsedl.replication.inputs.choices import Choice, Value, in_words
 from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records.tables import Column, table
@@ -113,16 +111,6 @@ class Decided(NamedTuple):
     explorer: dict[str, Any]
 
 
-def write_decided(decided: Decided, path: str | Path) -> None:
-    """Write what decides a paper's results as JSON; numbers that are not finite stay so."""
-    write_as(Decided, decided, path)
-
-
-def read_decided(path: str | Path) -> Decided:
-    """Read what `write_decided` wrote; raises ArtifactError if the file is missing or damaged."""
-    return read_json(Decided, path)
-
-
 def decided(claims: Sequence[Claim], errata: Iterable[Erratum], judge: Judge, matching: Matching) -> Decided:
     """Return what decides a paper's claims.
 
@@ -133,8 +121,8 @@ def decided(claims: Sequence[Claim], errata: Iterable[Erratum], judge: Judge, ma
         matching: the waves towards its headlines.
 
     """
-    standings = {name: judge.standing(name) for name in judge.column}
-    judged = [row for row in claims if row.id in judge.column]
+    standings = {name: judge.standing(name) for name in judge.of}
+    judged = [row for row in claims if row.id in judge.of]
     effects = [_of_erratum(one, claims, judged, judge) for one in errata]
     number = _deciding_number(judged, judge)
     run = Run(
@@ -265,10 +253,11 @@ def _explorer(judged: Sequence[Claim], judge: Judge) -> dict[str, Any]:
     which that of `corrected` is `ours`; and `answers`, of each claim what is printed or its limit (`mark`, null if
     universes do not agree on it), and by universe value, error and the place of the verdict.
     """
-    same_streams, verdicts = np.flatnonzero(judge.table.seed == 0), sorted({*judge.verdicts.ravel().tolist()})
+    same_streams = np.flatnonzero(judge.table.seed == 0)
+    verdicts = sorted({verdict for one in judge.of.values() for verdict in one.verdicts.tolist()})
     assignment = zip(judge.choices, judge.table.assignment[same_streams].T, strict=True)
     ordered = sorted(judged, key=lambda row: (not row.headline, row.headline or 0))
-    computed = [row for row in ordered if judge.has_result[same_streams, judge.column[row.id]].any()]
+    computed = [row for row in ordered if judge.of[row.id].has_result[same_streams].any()]
     return {
         "numbers": judge.table.number[same_streams].tolist(),
         "verdicts": [[in_words(one), one in AGREEING_VERDICTS, one in REFUTED_VERDICTS] for one in verdicts],
@@ -295,9 +284,9 @@ def _knob(choice: Choice, default: Value, assigned: np.ndarray) -> dict[str, Any
 
 
 def _answer(row: Claim, judge: Judge, same_streams: np.ndarray, verdicts: Sequence[str]) -> dict[str, Any]:
-    at = judge.column[row.id]
-    value, error, limit = judge.numbers[:, same_streams, judge.component_place(row.id)]
-    is_told, error = judge.has_result[same_streams, at] & np.isfinite(value), np.nan_to_num(error)
+    found = judge.of[row.id]
+    value, error, limit = found.numbers[:, same_streams, found.deciding]
+    is_told, error = found.has_result[same_streams] & np.isfinite(value), np.nan_to_num(error)
     marks = np.unique(limit[np.isfinite(limit)]).tolist()
     return {
         "claim": row.id,
@@ -307,7 +296,7 @@ def _answer(row: Claim, judge: Judge, same_streams: np.ndarray, verdicts: Sequen
         "mark": marks[0] if len(marks) == 1 else None,
         "values": [float(f"{one:.4g}") if told else None for one, told in zip(value, is_told, strict=True)],
         "errors": [float(f"{one:.2g}") for one in error] if error.any() else None,
-        "verdicts": [verdicts.index(one) for one in judge.verdicts[same_streams, at]],
+        "verdicts": [verdicts.index(one) for one in found.verdicts[same_streams]],
     }
 
 
@@ -317,7 +306,7 @@ def _answer(row: Claim, judge: Judge, same_streams: np.ndarray, verdicts: Sequen
 def claims_table(judge: Judge) -> "pd.DataFrame":
     """Return a row for each claim: its value in `corrected`, how often it is true, and what decides."""
     rows = []
-    for name in judge.column:
+    for name in judge.of:
         one = judge.judged(name)
         rows.append(
             (
@@ -375,7 +364,7 @@ def claims_table(judge: Judge) -> "pd.DataFrame":
 def effects_table(judge: Judge) -> "pd.DataFrame":
     """Return a row for each value of each choice, by itself, and each claim that it changes."""
     rows = []
-    for name in judge.column:
+    for name in judge.of:
         before = judge.verdict(name)
         for one in judge.effects(name):
             if one.counts or one.verdict != before:

@@ -15,8 +15,8 @@ from marsedl.replication.inputs.choices import MISPRINT, Assignment, Choice, Cho
 ONE_AT_A_TIME, SPACE_FILLING, WAVE = "one_at_a_time", "space_filling", "wave"
 DESIGNS = (ONE_AT_A_TIME, SPACE_FILLING, WAVE)
 SEED = 20261127  # of the scrambling; any number serves
-RANGE_POINTS = (0.0, 0.5, 1.0)  # of a range, in a design of one at a time
-FIRST_REFINED = 500  # number of the first universe between two of the points of a range
+RANGE_SHARES = (0.0, 0.5, 1.0)  # of a range, in a design of one at a time
+FIRST_REFINED = 500  # number of the first universe between two others of a range
 FIRST = 1000  # number of the first universe of the space-filling design
 FIRST_OF_WAVES = 100_000  # number of the first universe of a wave
 AGAIN = 1_000_000  # added to the number of one that is computed again with other random numbers
@@ -47,7 +47,7 @@ def one_at_a_time(choices: Choices, names: Sequence[str] | None = None) -> list[
     for choice in choices:
         if names is not None and choice.name not in names:
             continue
-        values = [choice.range.at(share) for share in RANGE_POINTS] if choice.range else choice.alternatives
+        values = [choice.range.at(share) for share in RANGE_SHARES] if choice.range else choice.alternatives
         assignments += [by_itself(choices, choice, value) for value in values if value != choices.default(choice)]
     return [Universe(number, ONE_AT_A_TIME, one) for number, one in enumerate(assignments)]
 
@@ -89,17 +89,17 @@ def combined_values(choice: Choice) -> list[str]:
 
 
 def space_filling(choices: Choices, count: int) -> list[Universe]:
-    """Return points of a scrambled Sobol sequence over all choices that are combined; powers of two fill space evenly.
+    """Return universes along a scrambled Sobol sequence over all choices that are combined; powers of two fill space.
 
     A longer design begins with the shorter one.
     """
     combined = varied(choices)
-    assignments = [assignment_at(choices, combined, point) for point in sobol(len(combined), count)]
+    assignments = [assignment_at(choices, combined, shares) for shares in sobol(len(combined), count)]
     return [Universe(FIRST + number, SPACE_FILLING, one) for number, one in enumerate(assignments)]
 
 
 def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
-    """Return the first points of a scrambled Sobol sequence (count, dimensions), each number from 0 to 1."""
+    """Return the first rows of a scrambled Sobol sequence (count, dimensions), each number from 0 to 1."""
     from scipy.stats import qmc
 
     if not dimensions:
@@ -109,7 +109,7 @@ def sobol(dimensions: int, count: int, seed: int = SEED) -> np.ndarray:
 
 
 def assignment_at(choices: Choices, combined: Sequence[Choice], shares: Sequence[float]) -> dict:
-    """Return the assignment at a point of the unit cube; values that do not apply are left out."""
+    """Return the assignment at shares of choices, from 0 to 1; values that do not apply are left out."""
     drawn = {}
     for one, share in zip(combined, map(float, shares), strict=True):
         names = combined_values(one)  # in equal parts of the unit interval

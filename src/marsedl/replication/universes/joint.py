@@ -55,17 +55,17 @@ class Joint(NamedTuple):
 
 def joint(judge: Judge, matching: Matching) -> Joint:
     """Return what the universes of a table say of all headlines together, also by waves towards them."""
-    computed = {name for name, at in judge.column.items() if judge.has_result[:, at].any()}
+    computed = {name for name, one in judge.of.items() if one.has_result.any()}
     names = [one.id for one in matching.headlines if one.id in computed]
-    places = [judge.column[name] for name in names]
-    never = [tuple(names[k] for k in those) for those in _never_together(judge, places)]
     absent = [one.id for one in matching.headlines if one.id not in computed]
-    return Joint(matching.waves, _best(judge, places) if names else None, never, _halves(judge), absent)
+    return Joint(
+        matching.waves, _best(judge, names) if names else None, _never_together(judge, names), _halves(judge), absent
+    )
 
 
-def _best(judge: Judge, places: Sequence[int]) -> Best:
+def _best(judge: Judge, names: Sequence[str]) -> Best:
     """The universe in which most of some claims, and then most of all, stand."""
-    table, headlines, claims = judge.table, judge.agrees[:, places].sum(axis=1), judge.agrees.sum(axis=1)
+    table, headlines, claims = judge.table, judge.agrees(names).sum(axis=1), judge.agrees([*judge.of]).sum(axis=1)
     # Of equal ones the first that has its own random numbers from `corrected`.
     at = max(range(len(table.number)), key=lambda k: (headlines[k], table.seed[k] == 0, claims[k], -k))
     assignment, base = (decoded(judge.choices, table.assignment[k]) for k in (at, judge.base))
@@ -75,22 +75,22 @@ def _best(judge: Judge, places: Sequence[int]) -> Best:
         changed={name: value for name, value in assignment.items() if value != base.get(name)},
         headlines=int(headlines[at]),
         in_corrected=int(headlines[judge.base]),
-        of=len(places),
+        of=len(names),
         claims=int(claims[at]),
         claims_in_corrected=int(claims[judge.base]),
-        of_claims=int((judge.agrees | judge.refuted).any(axis=0).sum()),
+        of_claims=sum(bool((one.agrees | one.refuted).any()) for one in judge.of.values()),
         again=bool(headlines[again[0]] >= headlines[at]) if len(again) else None,
     )
 
 
-def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]]:
+def _never_together(judge: Judge, names: Sequence[str]) -> list[tuple[str, ...]]:
     """The smallest sets of claims that stand together in no universe which decides all of them."""
-    agrees, decided = judge.agrees[:, places], (judge.agrees | judge.refuted)[:, places]
-    for size in range(1, len(places) + 1):
+    for size in range(1, len(names) + 1):
         found = []
-        for those in itertools.combinations(range(len(places)), size):
-            use = decided[:, those].all(axis=1)
-            if use.any() and not agrees[use][:, those].all(axis=1).any():
+        for those in itertools.combinations(names, size):
+            claims = [judge.of[name] for name in those]
+            decided = np.all([one.agrees | one.refuted for one in claims], axis=0)
+            if decided.any() and not np.all([one.agrees for one in claims], axis=0).any():
                 found.append(those)
         if found:
             return found
@@ -100,7 +100,7 @@ def _never_together(judge: Judge, places: Sequence[int]) -> list[tuple[int, ...]
 def _halves(judge: Judge) -> list[Predicted]:
     """How choices that fit one half of the claims, in turns, do on the other half."""
     same_streams, found = np.flatnonzero(judge.table.seed == 0), []
-    halves = judge.agrees[:, ::2], judge.agrees[:, 1::2]
+    halves = judge.agrees([*judge.of][::2]), judge.agrees([*judge.of][1::2])
     for fitted, others in (halves, halves[::-1]):
         at, agreeing = same_streams[np.argmax(fitted.sum(axis=1)[same_streams])], others.sum(axis=1)
         found.append(

@@ -6,6 +6,7 @@ Shares of universes depend on how many alternatives each choice lists: they are 
 import hashlib
 import itertools
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -32,6 +33,7 @@ from marsedl.replication.pipeline.products import COMMITTED_RUNS
 from marsedl.replication.records import store
 from marsedl.replication.universes.designs import AGAIN, DESIGNS, ONE_AT_A_TIME, SPACE_FILLING, interval_of
 from marsedl.replication.universes.table import (
+    NOT_ASKED,
     RESULT,
     Triple,
     Universes,
@@ -160,8 +162,86 @@ def share_of(those: np.ndarray, among: np.ndarray) -> Share:
     return share(int((those & among).sum()), int(among.sum()))
 
 
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What all universes give for one claim, in the order of their table, and the verdicts on it.
+
+    `labels` name its numbers, such as "[1]", or the tests of a statement; `halves` are half of their last printed
+    digits, 0 if none is printed. `numbers` holds value, standard error and limit (3, universe, label). `cause`,
+    `trials` and `verdicts` are those of the claim (universe,), `of_numbers` are the verdicts on its numbers (universe,
+    label). `tests` is the place of the test that decides a statement (universe,), -1 if none does. `base` is the place
+    of `corrected` among the universes.
+    """
+
+    claim: PublishedClaim
+    base: int
+    labels: list[str]
+    halves: np.ndarray
+    numbers: np.ndarray
+    cause: np.ndarray
+    trials: np.ndarray
+    verdicts: np.ndarray
+    of_numbers: np.ndarray
+    tests: np.ndarray
+
+    @property
+    def is_statement(self) -> bool:
+        """Whether the claim is a statement; others are numbers."""
+        return self.claim.kind == "qualitative"
+
+    @property
+    def has_result(self) -> np.ndarray:
+        """In which universes the claim has a result, (universe,) as all that follow."""
+        return self.cause == RESULT
+
+    @cached_property
+    def agrees(self) -> np.ndarray:
+        """Where it reproduces or holds, though it could be otherwise."""
+        return np.isin(self.verdicts, AGREEING_VERDICTS)
+
+    @cached_property
+    def refuted(self) -> np.ndarray:
+        """Where it differs or fails."""
+        return np.isin(self.verdicts, REFUTED_VERDICTS)
+
+    @property
+    def is_true(self) -> np.ndarray:
+        """Where it reproduces or holds, also if it cannot be otherwise."""
+        return np.isin(self.verdicts, TRUE)
+
+    @property
+    def decided(self) -> np.ndarray:
+        """Where it is true or false."""
+        return self.is_true | self.refuted
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """How far every number is from what is printed, in half digits and errors of `corrected`; -1 without one."""
+        value, error, limit = self.numbers
+        scale = np.hypot(SIGMAS * np.nan_to_num(error[self.base]), self.halves)
+        scale = np.where(scale == 0.0, np.abs(limit), scale)
+        distances = np.abs(value - limit) / np.where(scale == 0.0, 1.0, scale)
+        return np.where(np.isfinite(distances), distances, -1.0)
+
+    @cached_property
+    def deciding(self) -> int:
+        """The place of the number that decides in `corrected`.
+
+        Of a row of numbers that is the one furthest from what is printed; of a statement, what its deciding test
+        measures, and never what another one does.
+        """
+        if self.is_statement:
+            test = int(self.tests[self.base])
+            return test if test >= 0 else int(self.tests.max())
+        return int(np.argmax(self.distances[self.base]))
+
+    def number(self, universe: int) -> Triple:
+        """Return the number that decides, in the universe at a place of the table."""
+        return tuple(self.numbers[:, universe, self.deciding].tolist())
+
+
 class Judge:
-    """Judges claims by a paper's table of universes and by what its readings give."""
+    """Judges claims by a paper's table of universes and by what its readings give; `of` has its findings by claim."""
 
     def __init__(
         self,
@@ -194,74 +274,54 @@ class Judge:
         self._words = published, declarations, rows, points
         self.judged, self.effects = cache(self._judged), cache(self._effects)  # tables and pictures ask for the same
         self.base = int(np.flatnonzero(table.number == 0)[0])  # the place of `corrected`
-        self._spread()
-        self.verdicts = np.full(self.cause.shape, NO_VERDICT, "<U16")  # (universe, claim)
-        self.of_numbers = np.full(self.numbers.shape[1:], NO_VERDICT, "<U16")  # of each component (universe, component)
-        for name, at in self.column.items():
-            self._judge(self.published[name], declarations[name], at)
-        self.agrees = np.isin(self.verdicts, AGREEING_VERDICTS)  # (universe, claim), as the next four
-        self.refuted = np.isin(self.verdicts, REFUTED_VERDICTS)
-        self.is_true = self.agrees | (self.verdicts == BY_CONSTRUCTION)
-        self.decided = self.is_true | self.refuted
-        self.has_result = self.cause == RESULT
+        self._places = {int(number): place for place, number in enumerate(table.number)}
+        rows_of = defaultdict(list)
+        for row, name in enumerate(table.claim.tolist()):
+            rows_of[name].append(row)
+        self.of = {
+            name: self._findings(self.published[name], declarations[name], np.array(those))
+            for name, those in rows_of.items()
+            if name in self.published
+        }
 
-    def _spread(self) -> None:
-        """Lay the rows of the table out by universe and claim, or component."""
-        table, order = self.table, np.argsort(self.table.number)
-        at = order[np.searchsorted(table.number, table.of, sorter=order)]
-        claims = dict.fromkeys(table.claim.tolist())
-        self.column = {name: k for k, name in enumerate(name for name in claims if name in self.published)}
-        known = np.isin(table.claim, list(self.column))
-        columns = np.array([self.column.get(name, 0) for name in table.claim.tolist()], dtype=int)
-        labels = list(zip(table.claim.tolist(), table.component.tolist(), strict=True))
-        found = {pair: None for pair, use in zip(labels, known, strict=True) if use}
-        for name in self.column:  # all numbers of a claim, also those that no universe has
-            found |= {(name, label): None for label in self._labels(name)}
-        self.component = sorted(found, key=lambda pair: (self.column[pair[0]], len(pair[1]), pair[1]))
-        places = {pair: k for k, pair in enumerate(self.component)}
-        self._places: dict[str, dict[str, int]] = {name: {} for name in self.column}
-        for (name, label), place in places.items():
-            self._places[name][label] = place
-        shape = len(table.number), len(self.column)
-        self.cause, self.finding = np.full(shape, "not_asked", "<U16"), np.full(shape, "", "<U16")
-        self.trials = np.zeros(shape, dtype=np.int64)
-        self.numbers = np.full((3, shape[0], len(places)), np.nan)  # (value, error and limit, universe, component)
-        self.tests = np.full(shape, -1)  # the component that decides a statement
-        at, columns = at[known], columns[known]
-        place = np.array([places[pair] for pair, use in zip(labels, known, strict=True) if use])
-        self.numbers[:, at, place] = np.array([table.value, table.error, table.limit])[:, known]
-        self.cause[at, columns], self.trials[at, columns] = table.cause[known], table.trials[known]
-        told = table.finding[known] != ""
-        self.finding[at[told], columns[told]] = table.finding[known][told]
-        self.tests[at[told], columns[told]] = place[told]
-
-    def _labels(self, claim: str) -> list[str]:
-        return [] if self.is_statement(claim) else [label for label, *_ in components_of(self.published[claim])]
-
-    def _judge(self, claim: PublishedClaim, declared: Declaration, at: int) -> None:
-        """Judge a claim in all universes by the rules of `verdicts`."""
-        found = self.finding[:, at]
-        if self.is_statement(claim.id):
-            verdicts = found
-        else:
-            places = [self._places[claim.id][label] for label in self._labels(claim.id)]
-            value, error, _ = self.numbers[:, :, places]
-            of_numbers = verdicts_in_universes(claim, declared.close, value, error, self.trials[:, at], self.base)
-            verdicts = worst(of_numbers)
-            self.of_numbers[:, places] = np.where(self.cause[:, [at]] == RESULT, of_numbers, NO_VERDICT)
-        bound = found == BY_CONSTRUCTION
+    def _findings(self, claim: PublishedClaim, declared: Declaration, rows: np.ndarray) -> Findings:
+        """Judge a claim in all universes by the rules of `verdicts`; rows: those of the table that are of the claim."""
+        table, universes = self.table, len(self.table.number)
+        is_statement, half_of = claim.kind == "qualitative", {label: half for label, _, half in components_of(claim)}
+        # All numbers of a claim, also those that no universe has.
+        every = {*table.component[rows].tolist(), *(() if is_statement else half_of)}
+        labels = sorted(every, key=lambda label: (len(label), label))
+        at = np.array([self._places[number] for number in table.of[rows].tolist()])
+        place = np.array([labels.index(label) for label in table.component[rows].tolist()])
+        numbers = np.full((3, universes, len(labels)), np.nan)
+        numbers[:, at, place] = table.value[rows], table.error[rows], table.limit[rows]
+        cause, finding = np.full(universes, NOT_ASKED, "<U16"), np.full(universes, "", "<U16")
+        trials, tests = np.zeros(universes, dtype=np.int64), np.full(universes, -1)
+        cause[at], trials[at] = table.cause[rows], table.trials[rows]
+        told = table.finding[rows] != ""
+        finding[at[told]], tests[at[told]] = table.finding[rows][told], place[told]
+        verdicts, of_numbers = finding, np.full(numbers.shape[1:], NO_VERDICT, "<U16")
+        if not is_statement:
+            printed = [labels.index(label) for label in half_of]
+            value, error, _ = numbers[:, :, printed]
+            judged = verdicts_in_universes(claim, declared.close, value, error, trials, self.base)
+            verdicts = worst(judged)
+            of_numbers[:, printed] = np.where(cause[:, np.newaxis] == RESULT, judged, NO_VERDICT)
+        bound = finding == BY_CONSTRUCTION
         confirmed = np.isin(verdicts, (*AGREEING_VERDICTS, "undetermined"))
-        bound = (bound | bool(declared.by_construction)) & confirmed | (self.is_statement(claim.id) & bound)
-        verdicts = np.where(bound, BY_CONSTRUCTION, verdicts)
-        self.verdicts[:, at] = np.where(self.cause[:, at] == RESULT, verdicts, NO_VERDICT)
+        bound = (bound | bool(declared.by_construction)) & confirmed | (is_statement & bound)
+        verdicts = np.where(cause == RESULT, np.where(bound, BY_CONSTRUCTION, verdicts), NO_VERDICT)
+        halves = np.array([half_of.get(label, 0.0) for label in labels])
+        return Findings(claim, self.base, labels, halves, numbers, cause, trials, verdicts, of_numbers, tests)
+
+    def agrees(self, claims: Sequence[str]) -> np.ndarray:
+        """Return in which universes claims reproduce or hold (universe, claim)."""
+        found = [self.of[name].agrees for name in claims]
+        return np.array(found, dtype=bool).reshape(len(claims), len(self.table.number)).T
 
     def over(self, table: Universes) -> "Judge":
         """Return what judges another table of the same paper by the same words."""
         return Judge(table, self.choices, *self._words)
-
-    def places(self, claim: str) -> list[int]:
-        """Return the columns of the numbers of a claim, of a statement those of its tests."""
-        return [*self._places[claim].values()]
 
     def among(self, design: str) -> np.ndarray:
         """Return which universes are of a design, those apart that are computed again with other random numbers."""
@@ -269,24 +329,23 @@ class Judge:
 
     def _judged(self, claim: str) -> Judged:
         """Return what the universes say of a claim; raises KeyError for one that is not in the table."""
-        at, place = self.column[claim], self.component_place(claim)
-        filled, is_true, decided = self.among(SPACE_FILLING), self.is_true[:, at], self.decided[:, at]
-        with_result = filled & self.has_result[:, at]
+        one, filled = self.of[claim], self.among(SPACE_FILLING)
+        with_result = filled & one.has_result
         effects = self.effects(claim)
-        pairs = bool(self.published[claim].headline)  # of others they would take most of the time
-        indices = self.indices(self.numbers[0][:, place], filled, claim, pairs=pairs)
-        of_verdict = self.indices(np.where(decided, is_true, np.nan), filled, claim, pairs=pairs)
+        pairs = bool(one.claim.headline)  # of others they would take most of the time
+        indices = self.indices(one.numbers[0][:, one.deciding], filled, claim, pairs=pairs)
+        of_verdict = self.indices(np.where(one.decided, one.is_true, np.nan), filled, claim, pairs=pairs)
         label, in_readings = self._label(claim), self._in_readings(claim)
         by_itself = (*effects, *in_readings)
         if label == DEPENDS:
-            alone, together = self._depends_on(is_true[self.base], by_itself, (*indices, *of_verdict))
+            alone, together = self._depends_on(one.is_true[self.base], by_itself, (*indices, *of_verdict))
         else:
-            alone, together = self._turning(is_true[self.base], by_itself), ()
-        number, error, printed = self.numbers[:, self.base, place].tolist()
+            alone, together = self._turning(one.is_true[self.base], by_itself), ()
+        number, error, printed = one.number(self.base)
         cause, misprint = self._causes(claim, in_readings)
         nearest, its_universe = self._nearest(claim, filled | self.among(ONE_AT_A_TIME))
         return Judged(
-            component=self.component[place][1],
+            component=one.labels[one.deciding],
             verdict=self.verdict(claim),
             number=number,
             error=error,
@@ -297,24 +356,24 @@ class Judge:
             effects=effects,
             cause=cause,
             misprint=misprint,
-            over_all=share_of(is_true, filled),
-            over_results=share_of(is_true, with_result),
-            undetermined=share_of(self.verdicts[:, at] == "undetermined", with_result),
-            deciding=int((filled & decided).sum()),
+            over_all=share_of(one.is_true, filled),
+            over_results=share_of(one.is_true, with_result),
+            undetermined=share_of(one.verdicts == "undetermined", with_result),
+            deciding=int((filled & one.decided).sum()),
             nearest=nearest,
             its_universe=its_universe,
             indices=indices,
-            noise=self._noise(place, filled),
+            noise=_noise(*one.numbers[:2, filled, one.deciding]),
         )
 
     def _label(self, claim: str) -> str:
         """Return what all universes and readings that have a result say together, see `Judged`."""
-        at = self.column[claim]
-        if not self.has_result[:, at].any():
+        one = self.of[claim]
+        if not one.has_result.any():
             return NOT_COMPUTED
-        if (self.among(SPACE_FILLING) & self.decided[:, at]).sum() < FEWEST:
+        if (self.among(SPACE_FILLING) & one.decided).sum() < FEWEST:
             return FEW
-        verdicts = {*self.verdicts[self.has_result[:, at], at].tolist()}
+        verdicts = {*one.verdicts[one.has_result].tolist()}
         verdicts |= {one.verdict for one in self.rows[claim].readings.values()} if claim in self.rows else set()
         true, false = verdicts & {*TRUE}, verdicts & {*REFUTED_VERDICTS}
         if true and false:
@@ -358,47 +417,16 @@ class Judge:
 
     def unit(self, claim: str) -> str:
         """Return the unit of the number that decides a claim."""
-        if self.is_statement(claim):
+        one = self.of[claim]
+        if one.is_statement:
             margin = self.rows[claim].result.margin if claim in self.rows else None
             return margin.unit if margin else ""
-        label, printed = self.component[self.component_place(claim)][1], self.published[claim]
-        return unit_of(printed, next(index for name, index, _ in components_of(printed) if name == label))
-
-    def component_place(self, claim: str) -> int:
-        """Return the column of the number that decides a claim in `corrected`.
-
-        Of a row of numbers that is the one furthest from what is printed; of a statement, what its deciding test
-        measures, and never what another one does.
-        """
-        at = self.column[claim]
-        if self.is_statement(claim):
-            tests = self.tests[:, at]
-            return int(tests[self.base] if tests[self.base] >= 0 else tests.max())
-        places = self._places[claim].values()
-        return max(places, key=lambda place: self._distances[self.base, place])
+        indices = {label: index for label, index, _ in components_of(one.claim)}
+        return unit_of(one.claim, indices[one.labels[one.deciding]])
 
     def verdict(self, claim: str) -> str:
         """Return the verdict of a claim in `corrected`, at the numbers of trials of universes."""
-        return str(self.verdicts[self.base, self.column[claim]])
-
-    def is_statement(self, claim: str) -> bool:
-        """Whether a claim is a statement; others are numbers."""
-        return self.published[claim].kind == "qualitative"
-
-    def half(self, place: int) -> float:
-        """Return half of the last printed digit of a component; 0 if none is printed."""
-        claim, label = self.component[place]
-        return next((half for name, _, half in components_of(self.published[claim]) if name == label), 0.0)
-
-    @cached_property
-    def _distances(self) -> np.ndarray:
-        """How far every number is from what is printed, in half digits and errors of `corrected`; -1 without one."""
-        value, error, limit = self.numbers
-        halves = np.array([self.half(place) for place in range(value.shape[1])])
-        scale = np.hypot(SIGMAS * np.nan_to_num(error[self.base]), halves)
-        scale = np.where(scale == 0.0, np.abs(limit), scale)
-        distances = np.abs(value - limit) / np.where(scale == 0.0, 1.0, scale)
-        return np.where(np.isfinite(distances), distances, -1.0)
+        return str(self.of[claim].verdicts[self.base])
 
     @cached_property
     def _alone(self) -> list[tuple[int, str, Value]]:
@@ -412,12 +440,12 @@ class Judge:
 
     def _effects(self, claim: str) -> tuple[Effect, ...]:
         """Return what each value of each choice changes by itself in universes, the largest change first."""
-        place, at, found = self.component_place(claim), self.column[claim], []
-        before, was = self.numbers[:, self.base, place].tolist(), self.verdict(claim)
-        for k, choice, value in self._alone:
-            where, after = f"universe {self.table.number[k]}", self.numbers[:, k, place].tolist()
-            verdicts = was, str(self.verdicts[k, at])
-            found.append(self._effect(claim, (choice, value, where), before, after, verdicts, str(self.cause[k, at])))
+        one, found = self.of[claim], []
+        for at, choice, value in self._alone:
+            varied = choice, value, f"universe {self.table.number[at]}"
+            numbers = one.number(self.base), one.number(at)
+            verdicts = self.verdict(claim), str(one.verdicts[at])
+            found.append(self._effect(claim, varied, numbers, verdicts, str(one.cause[at])))
         return tuple(sorted(found, key=lambda one: math.inf if math.isnan(one.size) else -one.size))
 
     def _in_readings(self, claim: str) -> list[Effect]:
@@ -425,7 +453,7 @@ class Judge:
         if (row := self.rows.get(claim)) is None:
             return []
         corrected, found = row.readings[CORRECTED], []
-        label = "" if row.is_statement else self.component[self.component_place(claim)][1]
+        label = "" if row.is_statement else self.of[claim].labels[self.of[claim].deciding]
         for name, (choice, value) in self.points.items():
             result = row.readings.get(name)
             if result is None or None in (result.verdict, corrected.verdict):
@@ -434,14 +462,17 @@ class Judge:
             if row.is_statement and len({one.margin and one.margin.measure for one in (corrected, result)}) > 1:
                 sides[1] = NOTHING  # of another test
             verdicts = corrected.verdict, result.verdict
-            found.append(self._effect(claim, (choice, value, f"reading {name}"), *sides, verdicts, RESULT))
+            found.append(self._effect(claim, (choice, value, f"reading {name}"), sides, verdicts, RESULT))
         return found
 
-    def _effect(self, claim, varied, before: Triple, after: Triple, verdicts: tuple[str, str], cause: str) -> Effect:
+    def _effect(
+        self, claim: str, varied: tuple, numbers: Sequence[Triple], verdicts: tuple[str, str], cause: str
+    ) -> Effect:
         """The effect of a choice's value in a place, from the numbers and verdicts of `corrected` and of this place."""
-        missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in (before, after)]
-        crosses = not self.is_statement(claim) and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
-        size = standard_errors(SIGMAS)(Entry(*before, half=self.half(self.component_place(claim))), Entry(*after))
+        (before, after), one = numbers, self.of[claim]
+        missing = [self._missing(claim, side, verdicts[0] == "fails", before) for side in numbers]
+        crosses = not one.is_statement and (after[0] - after[2]) * (before[0] - before[2]) < 0.0
+        size = standard_errors(SIGMAS)(Entry(*before, half=one.halves[one.deciding]), Entry(*after))
         choice, value, where = varied
         return Effect(
             choice=choice,
@@ -460,7 +491,7 @@ class Judge:
     def _missing(self, claim: str, of: Triple, fails: bool, corrected: Triple) -> float:
         """How far a number is from what is printed, or a statement from holding, in the unit of the number."""
         distance = of[0] - of[2]
-        if not self.is_statement(claim):
+        if not self.of[claim].is_statement:
             return abs(distance)
         # A statement holds on the side of `corrected`, or on the other one.
         return distance * float(np.sign(corrected[0] - corrected[2])) * (1.0 if fails else -1.0)
@@ -488,21 +519,20 @@ class Judge:
         """Return how many numbers agree, within three standard errors, with those of other random numbers."""
         again = np.flatnonzero(self.table.seed)
         first = np.searchsorted(self.table.number, self.table.number[again] - AGAIN)
-        value, error, _ = self.numbers
+        value, error, _ = np.concatenate([one.numbers for one in self.of.values()], axis=2)
         both = np.hypot(error[first], error[again])
         agree = np.abs(value[first] - value[again]) <= SIGMAS * both
         return share_of(agree, both > 0.0)
 
     def _nearest(self, claim: str, among: np.ndarray) -> tuple[float, int] | tuple[None, None]:
         """The deciding number where a claim's numbers, all of them, come nearest to what is printed; the universe."""
-        place = self.component_place(claim)
-        places = [place] if self.is_statement(claim) else list(self._places[claim].values())
-        distances = self._distances[:, places].max(axis=1)
-        use = among & self.has_result[:, self.column[claim]] & (distances >= 0.0)
+        one = self.of[claim]
+        distances = one.distances[:, one.deciding] if one.is_statement else one.distances.max(axis=1)
+        use = among & one.has_result & (distances >= 0.0)
         if not use.any():
             return None, None
         best = np.argmin(np.where(use, distances, np.inf))
-        return float(self.numbers[0, best, place]), int(self.table.number[best])
+        return one.number(best)[0], int(self.table.number[best])
 
     def indices(
         self, values: np.ndarray, among: np.ndarray, claim: str = "", *, pairs: bool = True
@@ -560,11 +590,12 @@ class Judge:
         alone = dict.fromkeys([*self._turning(is_true, effects), *(name for name in beyond if name in moving)])
         return tuple(alone), tuple(dict.fromkeys(name for name in beyond if name not in alone))
 
-    def _noise(self, place: int, among: np.ndarray) -> float:
-        values, errors = self.numbers[:2, among, place]
-        use = np.isfinite(values)
-        variance = float(np.var(values[use])) if use.sum() > 1 else 0.0
-        return float(min(np.mean(np.nan_to_num(errors[use]) ** 2) / variance, 1.0)) if variance else math.nan
+
+def _noise(values: np.ndarray, errors: np.ndarray) -> float:
+    """The share of the variance of some numbers that is sampling error; NaN if they do not vary."""
+    use = np.isfinite(values)
+    variance = float(np.var(values[use])) if use.sum() > 1 else 0.0
+    return float(min(np.mean(np.nan_to_num(errors[use]) ** 2) / variance, 1.0)) if variance else math.nan
 
 
 def correlation_ratio(values: np.ndarray, groups: np.ndarray) -> np.ndarray:

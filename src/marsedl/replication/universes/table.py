@@ -26,13 +26,12 @@ from marsedl.replication.errors import InadmissibleError, InfeasibleError, Input
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import Choice, Choices, Value
 from marsedl.replication.inputs.messages import Place
-from marsedl.replication.inputs.readings import Reading, Study, load_study
+from marsedl.replication.inputs.readings import Reading, load_study
 from marsedl.replication.inputs.sections import Inputs, by_section
 from marsedl.replication.pipeline.catalogue import Paper, constraint_of
 from marsedl.replication.pipeline.injection import Arguments, Missing
 from marsedl.replication.pipeline.products import BENCHMARKS
 from marsedl.replication.pipeline.runner import Memory, Run
-from marsedl.replication.records import store
 from marsedl.replication.records.fields import quantities, quantity, record
 from marsedl.replication.sizes import FULL
 from marsedl.replication.universes.designs import DESIGNS, ONE_AT_A_TIME, Universe, redrawn
@@ -315,21 +314,18 @@ def gathered(chunks: Sequence[Universes]) -> Universes:
     return replace(chunks[0], **joined)
 
 
-def held(path: Path, study: Study, number: int) -> Universe | None:
-    """Return a universe of the table in a file, with the choices and the random numbers that it has there, or None.
+def held(table: Universes, choices: Choices, number: int, where: object) -> Universe | None:
+    """Return a universe of a table, with the choices and the random numbers that it has there, or None.
 
-    Raises InputError if the table is of other choices.
+    Raises InputError if the table is of other choices; where: its file.
     """
-    if not path.exists():
-        return None
-    table = store.load(path, Universes, paper=study.paper)
     if number not in table.number:
         return None
-    if table.choice.tolist() != [one.name for one in study.choices]:
-        raise InputError(f"{path} has other choices than this project; build it again, or give its --configfile")
-    at, default = int(np.flatnonzero(table.number == number)[0]), study.choices.default
-    values = decoded(study.choices, table.assignment[at])
-    assignment = {name: one for name, one in values.items() if one != default(study.choices.by_name[name])}
+    if table.choice.tolist() != [one.name for one in choices]:
+        raise InputError(f"{where} has other choices than this project; build it again, or give its --configfile")
+    at = int(np.flatnonzero(table.number == number)[0])
+    values = decoded(choices, table.assignment[at])
+    assignment = {name: one for name, one in values.items() if one != choices.default(choices.by_name[name])}
     return Universe(number, DESIGNS[table.design[at]], assignment, int(table.seed[at]), wave=int(table.wave[at]))
 
 
@@ -347,11 +343,11 @@ def changed(large: Universes, small: Universes) -> dict[int, str]:
     return found
 
 
-def require_same(run: Path, table: Universes, paper: str) -> None:
-    """Raise MarsedlError if universes of a table have other bits than in the committed run of a file."""
-    if moved := changed(store.load(run, Universes, paper=paper), table):
+def require_same(run: Universes, table: Universes, path: Path) -> None:
+    """Raise MarsedlError if universes of a table have other bits than in a committed run; path: the run's file."""
+    if moved := changed(run, table):
         differing = "; ".join(f"universe {number} {what}" for number, what in moved.items())
-        raise MarsedlError(f"{run} is not what this project computes: {differing}; run 'snakemake multiverse'")
+        raise MarsedlError(f"{path} is not what this project computes: {differing}; run 'snakemake multiverse'")
 
 
 def _entries(table: Universes, number: int) -> dict[str, Entry]:

@@ -27,7 +27,7 @@ from marsedl.replication.universes.table import Universes, decoded, gathered, se
 CANDIDATES = 8192
 MOST = 4  # waves
 FEWEST = 4  # universes that an emulator rests on
-MOST_POINTS, TWO_SIDED = 0.95, 1.96  # share of the points, and its quantile of a normal distribution
+NINETEEN_OF_TWENTY, TWO_SIDED = 0.95, 1.96  # share of universes, and its quantile of a normal distribution
 FAR = 100.0  # deviations; further is as far
 REFINEMENTS = 4  # of a range, each of which halves an interval
 RIDGES = 10.0 ** np.arange(-4, 5)  # of which the emulator takes the one with the smallest error of what is left out
@@ -65,33 +65,33 @@ class Matching:
         error is measured in the median of its distances, and fulfilled below 0; numbers are within three deviations.
         """
         found = {}
-        for claim in (one for one in self.headlines if one.id in judge.column):
-            at, is_statement = judge.column[claim.id], judge.is_statement(claim.id)
-            for place in [judge.component_place(claim.id)] if is_statement else judge.places(claim.id):
-                value, error, limit = judge.numbers[:, :, place]
+        for one in (judge.of[claim.id] for claim in self.headlines if claim.id in judge.of):
+            claim, is_statement = one.claim, one.is_statement
+            for place in [one.deciding] if is_statement else range(len(one.labels)):
+                value, error, limit = one.numbers[:, :, place]
                 distance, deviation = value - limit, np.nan_to_num(error)
                 if is_statement:
-                    fails = np.isin(judge.verdicts[:, at], REFUTED_VERDICTS)
-                    distance = np.where(judge.has_result[:, at], np.where(fails, 1.0, -1.0) * np.abs(distance), np.nan)
+                    side = np.where(one.refuted, 1.0, -1.0)
+                    distance = np.where(one.has_result, side * np.abs(distance), np.nan)
                 elif claim.trials:  # the paper's own sampling error, at the spread of ours
-                    deviation = deviation * np.sqrt(1.0 + judge.trials[:, at] / claim.trials)
+                    deviation = deviation * np.sqrt(1.0 + one.trials / claim.trials)
                 if not np.isfinite(distance).any():
                     continue
-                scale = np.median(np.hypot(deviation, judge.half(place) / SIGMAS)[np.isfinite(distance)])
+                scale = np.median(np.hypot(deviation, one.halves[place] / SIGMAS)[np.isfinite(distance)])
                 usual = np.nanmedian(np.abs(distance))
-                label = claim.id if is_statement else claim.id + judge.component[place][1]
+                label = claim.id if is_statement else claim.id + one.labels[place]
                 found[label] = distance / (scale or usual or 1.0)
         return found
 
     def wave(self, judge: Judge, number: int) -> tuple[Wave, np.ndarray]:
-        """Return what judged universes rule out, and the candidates that are left, as points (count, varied).
+        """Return what judged universes rule out, and the candidates that are left, as shares (count, varied).
 
         number: of the wave, which has candidates of its own.
         """
         candidates = designs.sobol(len(self.varied), CANDIDATES, designs.SEED + 1 + number)
-        points = self._points(judge.table)
-        among = np.isfinite(points).all(axis=1)
-        features = _features(self.varied, np.nan_to_num(points))
+        shares = self._shares(judge.table)
+        among = np.isfinite(shares).all(axis=1)
+        features = _features(self.varied, np.nan_to_num(shares))
         wanted = _features(self.varied, candidates)
         distances = {}
         for label, missed in self.measured(judge).items():
@@ -102,20 +102,20 @@ class Matching:
             distances[label] = self._excess(label, mean) / max(error, 1e-12)
         worst = np.max([np.zeros(CANDIDATES), *distances.values()], axis=0)
         left = candidates[worst < SIGMAS]
-        shares = {}
+        left_of = {}
         for k, one in enumerate(self.varied):
             parts = 4 if one.range else len(combined_values(one))
             counts = np.bincount(interval_of(left[:, k], parts), minlength=parts)
-            shares[one.name] = (counts / max(len(left), 1)).tolist()
+            left_of[one.name] = (counts / max(len(left), 1)).tolist()
         of_wave = (judge.table.wave == number) & (judge.table.seed == 0) & (judge.table.design != 0)
-        places = [judge.column[one.id] for one in self.headlines if one.id in judge.column]
-        agreeing = float(judge.agrees[of_wave][:, places].sum(axis=1).mean()) if of_wave.any() else math.nan
+        agrees = judge.agrees([one.id for one in self.headlines if one.id in judge.of])
+        agreeing = float(agrees[of_wave].sum(axis=1).mean()) if of_wave.any() else math.nan
         contradicting = () if len(left) else self._contradicting(distances)
-        return Wave(len(left) / CANDIDATES, shares, contradicting, agreeing), left
+        return Wave(len(left) / CANDIDATES, left_of, contradicting, agreeing), left
 
     def _excess(self, label: str, mean: np.ndarray) -> np.ndarray:
         """By how much a headline is missed beyond what is allowed, both as inverse hyperbolic sines."""
-        is_statement = self.judge.is_statement(label.partition("[")[0])
+        is_statement = self.judge.of[label.partition("[")[0]].is_statement
         return np.maximum(mean if is_statement else np.abs(mean) - math.asinh(SIGMAS), 0.0)
 
     @cached_property
@@ -136,7 +136,7 @@ class Matching:
             if not len(left) or wave.volume > 0.9 * before:
                 break
             before, first = wave.volume, FIRST_OF_WAVES + count * (number - 1)
-            assignments = [designs.assignment_at(self.choices, self.varied, point) for point in left[:count]]
+            assignments = [designs.assignment_at(self.choices, self.varied, shares) for shares in left[:count]]
             universes = [Universe(first + k, WAVE, one, wave=number) for k, one in enumerate(assignments)]
             table = gathered([table, compute(universes)])
         missed = self.measured(self.judge.over(table))
@@ -151,18 +151,18 @@ class Matching:
         again = Universe(AGAIN + int(table.number[at]), WAVE, assignment, seed=1, wave=int(table.wave.max()))
         return table if again.number in table.number else gathered([table, compute([again])])
 
-    def _points(self, table: Universes) -> np.ndarray:
-        """Universes as points of the unit cube (universe, varied); NaN for a value that is not combined."""
-        points = np.full((len(table.number), len(self.varied)), np.nan)
+    def _shares(self, table: Universes) -> np.ndarray:
+        """Values of choices as shares, from 0 to 1 (universe, varied); NaN for a value that is not combined."""
+        shares = np.full((len(table.number), len(self.varied)), np.nan)
         for at, row in enumerate(table.assignment):
             values = decoded(self.choices, row)
             for k, one in enumerate(self.varied):
                 value, names = values.get(one.name), combined_values(one)
                 if one.range and value is not None:
-                    points[at, k] = np.clip(one.range.share(value), 0.0, 1.0)
+                    shares[at, k] = np.clip(one.range.share(value), 0.0, 1.0)
                 elif value in names:
-                    points[at, k] = (names.index(value) + 0.5) / len(names)
-        return points
+                    shares[at, k] = (names.index(value) + 0.5) / len(names)
+        return shares
 
     @staticmethod
     def _contradicting(distances: dict[str, np.ndarray]) -> tuple[str, ...]:
@@ -176,7 +176,7 @@ class Matching:
 
 
 def refined(judge: Judge, compute: Callable[[list[Universe]], Universes]) -> Universes:
-    """Return the judged table with more points of ranges: where a refuted headline passes what is printed.
+    """Return the judged table with more values of ranges: where a refuted headline passes what is printed.
 
     Between two neighbours on both sides of what is printed, neither of which makes the claim true, and between one that
     comes nearer and one without a result, the middle is computed, several times over.
@@ -187,7 +187,7 @@ def refined(judge: Judge, compute: Callable[[list[Universe]], Universes]) -> Uni
         wanted = {
             (choice.name, choice.range.at(share)): choice
             for claim in judge.published.values()
-            if claim.headline and claim.id in judge.column and judge.verdict(claim.id) in REFUTED_VERDICTS
+            if claim.headline and claim.id in judge.of and judge.verdict(claim.id) in REFUTED_VERDICTS
             for choice in judge.choices
             if choice.range
             for share in _between(judge, claim.id, choice)
@@ -209,13 +209,13 @@ def _between(judge: Judge, claim: str, choice: Choice) -> list[float]:
     effects = [one for one in judge.effects(claim) if one.choice == choice.name]
     if not effects or any(one.is_true for one in effects):
         return []
-    before, _, limit = judge.numbers[:, judge.base, judge.component_place(claim)].tolist()
-    points = {choice.range.share(float(one.value)): one.number - limit for one in effects}
+    before, _, limit = judge.of[claim].number(judge.base)
+    missed = {choice.range.share(float(one.value)): one.number - limit for one in effects}
     if choice.corrected is not None:
-        points[choice.range.share(float(choice.corrected))] = before - limit
-    found, shares = [], sorted(points)
+        missed[choice.range.share(float(choice.corrected))] = before - limit
+    found, shares = [], sorted(missed)
     for low, high in itertools.pairwise(shares):
-        sides = points[low], points[high]
+        sides = missed[low], missed[high]
         lost = [math.isnan(one) for one in sides]
         nearer = any(abs(one) < abs(before - limit) for one in sides)
         if sides[0] * sides[1] < 0.0 or (sum(lost) == 1 and nearer):
@@ -224,12 +224,12 @@ def _between(judge: Judge, claim: str, choice: Choice) -> list[float]:
 
 
 def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return what a ridge regression predicts, and the standard deviation of what it misses when a point is left out.
+    """Return what a ridge regression predicts, and the standard deviation of its misses when a universe is left out.
 
-    That deviation is of the normal distribution whose misses are as large in nineteen of twenty points.
+    That deviation is of the normal distribution whose misses are as large in nineteen of twenty universes.
 
-    features: of the points with values (count, n); values: at these points (count,); wanted: features of the points to
-    predict (m, n).
+    features: of the universes with values (count, n); values: in these (count,); wanted: features of those to predict
+    (m, n).
     """
     mean, scale = values.mean(), values.std() or 1.0
     u, s, vt = np.linalg.svd(features, full_matrices=False)
@@ -239,22 +239,22 @@ def emulated(features: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> tu
         shrunk = s * s / (s * s + ridge)
         fitted = u @ (shrunk * (u.T @ scaled))
         leverage = np.einsum("ij,j,ij->i", u, shrunk, u)
-        missed = np.abs(scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)  # of each point, when it is left out
-        left_out = float(np.quantile(missed, MOST_POINTS)) / TWO_SIDED
+        missed = np.abs(scaled - fitted) / np.maximum(1.0 - leverage, 1e-6)  # of each universe, when it is left out
+        left_out = float(np.quantile(missed, NINETEEN_OF_TWENTY)) / TWO_SIDED
         if left_out < best[0]:
             best = left_out, vt.T @ ((s / (s * s + ridge)) * (u.T @ scaled))
     return mean + scale * (wanted @ best[1]), scale * best[0]
 
 
-def _features(combined: Sequence[Choice], points: np.ndarray) -> np.ndarray:
+def _features(combined: Sequence[Choice], shares: np.ndarray) -> np.ndarray:
     """A constant, the values of each choice (of a range, its share and its square), and products of two choices."""
     blocks = []
     for k, one in enumerate(combined):
         if one.range:
-            centred = 2.0 * points[:, k] - 1.0
+            centred = 2.0 * shares[:, k] - 1.0
             blocks.append([centred, centred**2])
         else:
             count = len(combined_values(one))
-            blocks.append([(interval_of(points[:, k], count) == value) - 1.0 / count for value in range(count)])
+            blocks.append([(interval_of(shares[:, k], count) == value) - 1.0 / count for value in range(count)])
     products = [a * b for first, second in itertools.combinations(blocks, 2) for a in first for b in second]
-    return np.array([np.ones(len(points)), *itertools.chain(*blocks), *products]).T
+    return np.array([np.ones(len(shares)), *itertools.chain(*blocks), *products]).T

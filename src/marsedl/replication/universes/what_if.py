@@ -19,12 +19,14 @@ from marsedl.replication.inputs.choices import Choices, source_of_key
 from marsedl.replication.inputs.messages import Place
 from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import Paper, entry_of, function_of
+from marsedl.replication.records import store
 from marsedl.replication.universes.designs import ONE_AT_A_TIME, Universe, numbered
 from marsedl.replication.universes.judging import NO_VERDICT, Judge
 from marsedl.replication.universes.table import (
     RESULT,
     Evaluator,
     Row,
+    Universes,
     components_of,
     held,
     numbers_of,
@@ -67,22 +69,22 @@ def entries_of_reading(claim: Claim, result: Result) -> dict[tuple[str, str], En
 def entries_of_universe(judge: Judge, number: int) -> dict[tuple[str, str], Entry]:
     """Return what a universe of a table gives for its claims; of each statement the test that decides it there."""
     at, found = int(np.flatnonzero(judge.table.number == number)[0]), {}
-    for claim, column in judge.column.items():
-        verdict, printed = str(judge.verdicts[at, column]), judge.published[claim]
+    for claim, one in judge.of.items():
+        verdict = str(one.verdicts[at])
         if verdict == NO_VERDICT:
             continue
         found[claim, ""] = Entry(verdict=verdict)
-        if judge.is_statement(claim):
-            place = judge.tests[at, column]
+        if one.is_statement:
+            place = one.tests[at]
             if place >= 0:
-                triple, (_, test) = judge.numbers[:, at, place].tolist(), judge.component[place]
-                found[claim, ""] = Entry(*triple, verdict=verdict, test=test)
+                triple = one.numbers[:, at, place].tolist()
+                found[claim, ""] = Entry(*triple, verdict=verdict, test=one.labels[place])
             continue
-        for label, index, half in components_of(printed):
-            place = judge.component.index((claim, label))
-            own = verdict if verdict == BY_CONSTRUCTION else str(judge.of_numbers[at, place])
-            triple = judge.numbers[:, at, place].tolist()
-            found[claim, label] = Entry(*triple, verdict=own, unit=unit_of(printed, index), half=half)
+        for label, index, half in components_of(one.claim):
+            place = one.labels.index(label)
+            of_number = verdict if verdict == BY_CONSTRUCTION else str(one.of_numbers[at, place])
+            triple = one.numbers[:, at, place].tolist()
+            found[claim, label] = Entry(*triple, verdict=of_number, unit=unit_of(one.claim, index), half=half)
     return found
 
 
@@ -192,8 +194,8 @@ def found(study: Study, number: int, tables: Sequence[Path]) -> tuple[Universe, 
 
     Raises InputError for a number that no table and no design has.
     """
-    for path in tables:
-        if one := held(path, study, number):
+    for path in filter(Path.exists, tables):
+        if one := held(store.load(path, Universes, paper=study.paper), study.choices, number, path):
             return one, path
     return numbered(study.choices, number, study.designs.one_at_a_time, study.designs.at_most), None
 
