@@ -1,8 +1,10 @@
 """Flights that are flown: percentiles with intervals, outcomes, labelled arrays, replays, comparisons."""
 
+import ast
 import re
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -40,13 +42,33 @@ def _needed(level):
     return int(np.ceil(TAIL / min(share, 1.0 - share) - 1e-6))
 
 
+def _expression(text, value_of):
+    """The value of an expression whose names are quantities. Raises ValueError for what is none."""
+    import pandas as pd
+
+    example = "'abs(range_km - 640) < 2'"
+    require(isinstance(text, str), f"{text!r} is no expression in quantities, such as {example}")
+    try:
+        nodes = list(ast.walk(ast.parse(text.strip(), mode="eval")))
+    except SyntaxError as error:
+        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+    functions = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    names = {node.id for node in nodes if isinstance(node, ast.Name)} - functions
+    values = {name: pd.Series(value_of(name)) for name in names}
+    try:
+        return pd.eval(text.strip(), engine="python", local_dict=values, global_dict={})
+    except (ValueError, NotImplementedError, TypeError, AttributeError) as error:
+        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+
+
 class OneFlight(NamedTuple):
-    """One trial alone: a data frame of what is stored at every integration step, its final numbers, its outcome."""
+    """One trial alone: a data frame of what is stored at every step, its final numbers, its outcome, what it drew."""
 
     trial: int
     history: Any
     final: dict[str, float]
     outcome: str
+    drawn: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,6 +84,7 @@ class Flights:
     outcome: np.ndarray  # (trials,), names
     histories: np.ndarray | None  # (times, quantities, trials)
     how: tuple  # processes, progress and whether compiled, for further ones
+    derived: Mapping[str, tuple] = field(default_factory=dict)  # name: (unit, expression or function)
 
     @classmethod
     def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
@@ -105,24 +128,87 @@ class Flights:
         names, counts = np.unique(self.outcome, return_counts=True)
         return {str(names[place]): int(counts[place]) for place in np.argsort(-counts, kind="stable")}
 
+    @cached_property
+    def drawn(self) -> dict[str, np.ndarray]:
+        """Dispersed numbers of all flights by name, each (trials,), in SI units.
+
+        Those of the start are `start_velocity` and the like, those of the vehicle have its names. What air and noise
+        drew is not among them.
+        """
+        campaign, found = self.campaign, {}
+        for before, declared, table in zip(
+            ("start_", ""), (campaign.start, campaign.vehicle), campaign.drawn(range(self.trials)), strict=True
+        ):
+            found |= {f"{before}{declared.names[place]}": table[place] for place in declared.dispersed()}
+        return found
+
+    @cached_property
+    def _known(self):
+        """Numbers that questions may name: final, drawn, and those of one's own, in the order of their definition."""
+        known = {**self.drawn, **self.final}
+        for name, (_, definition) in self.derived.items():
+            known[name] = self._evaluated(definition, known)
+        return known
+
+    def _evaluated(self, definition, known):
+        """An expression, or a function of all numbers by name, as one value for each trial."""
+        if callable(definition):
+            values = np.asarray(definition(known))
+        else:
+            values = np.asarray(_expression(definition, lambda name: self._of(name, known)))
+        require(
+            values.shape == (self.trials,) and values.dtype.kind in "biuf",
+            f"{definition!r} gives {values.dtype} of shape {values.shape}; it must give a number for each flight",
+        )
+        return values
+
+    def with_quantity(self, name: str, definition: str | Callable, unit: str = "") -> "Flights":
+        """These flights with a further quantity, of which all questions may be asked.
+
+        Args:
+            name: a new one. definition: expression in names and their suffixes, such as
+                "sqrt((range_km - 640)**2 + crossrange_km**2)", or a function of a mapping from names to (trials,)
+                in SI units. unit: in which it comes out.
+
+        Raises:
+            ValueError: for a name that is taken or no name, or a definition that gives no number for each flight.
+        """
+        require(
+            isinstance(name, str) and name.isidentifier() and name not in self._known,
+            f"quantity {name!r}: give a new name, of letters, digits and underscores",
+        )
+        self._evaluated(definition, self._known)  # refuses what gives no numbers
+        return replace(self, derived={**self.derived, name: (unit, definition)})
+
     def values(self, name) -> np.ndarray:
-        """A final number of all flights, in the unit of its suffix. Raises ValueError for an unknown one."""
+        """A number of all flights, final, drawn or derived, in the unit of its suffix.
+
+        Raises ValueError for an unknown one.
+        """
         require(
             isinstance(name, str),
             f"quantity of type {type(name).__name__}: give a name; of numbers of your own, take numpy.quantile and "
             f"montecarlo.statistics.order_interval",
         )
-        base, factor = resolve(name, {name: self._meaning(name)[0] for name in self.final}, "quantity")
-        return self.final[base] / factor
+        return self._of(name, self._known)
+
+    def _of(self, name, known):
+        base, factor = resolve(name, {name: self._meaning(name)[0] for name in known}, "quantity")
+        return known[base] / factor
 
     def _meaning(self, name):
         """Unit and meaning."""
         suffix = name.rpartition("_")[2]
+        if name in self.derived:
+            return self.derived[name][0], name
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
         known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("sensed_")
         if name not in known and base in known:
             return known[base][0], f"{known[base][1]}, as laws are told"
+        base = name.removeprefix("start_")
+        if name not in known and base in known:
+            return known[base][0], f"{known[base][1]}, at the start"
         return known.get(name, ("", name))
 
     def _counted(self):
@@ -217,7 +303,7 @@ class Flights:
         more = self.campaign.fly_all(self.trials, trials, *self.how)
         pairs = zip((self.numbers, self.outcome, self.histories), more, strict=True)
         joined = (None if new is None else np.concatenate([old, new], axis=-1) for old, new in pairs)
-        return Flights(self.campaign, *joined, self.how)._told()
+        return Flights(self.campaign, *joined, self.how, self.derived)._told()
 
     def against(self, other, names=None, confidence=0.95):
         """Mean differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
@@ -258,13 +344,96 @@ class Flights:
         columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
         return pd.DataFrame(rows, columns=columns)
 
-    def worst(self, name, count=10):
-        """Data frame of the flights whose final number lies farthest from the median, the farthest first."""
+    def worst(self, name, count=10, side="both"):
+        """Data frame of the flights with the most extreme number, the worst first, with what they drew.
+
+        Flights that are left out of statistics are not among them: see `left_out`.
+
+        Args:
+            name: quantity. count: how many flights. side: "high" for the largest, "low" for the smallest, "both" for
+                those farthest from the median.
+
+        Raises:
+            ValueError: for an unknown quantity or side, or no positive count.
+        """
         _require_count(count, "count")
         counted, _ = self._counted()
         samples = self.values(name)
-        distance = np.where(counted, np.abs(samples - np.median(samples[counted])), -1.0)
-        return self.to_pandas().iloc[np.argsort(-distance, kind="stable")[: min(count, int(counted.sum()))]]
+        distances = {
+            "both": lambda: np.abs(samples - np.median(samples[counted])) if counted.any() else samples,
+            "high": lambda: samples,
+            "low": lambda: -samples,
+        }
+        require(isinstance(side, str) and side in distances, f"side is {side!r}; give 'both', 'high' or 'low'")
+        order = np.argsort(np.where(counted, -distances[side](), np.inf), kind="stable")
+        return self.to_pandas().iloc[order[: min(count, int(counted.sum()))]]
+
+    def left_out(self):
+        """Data frame of the flights that statistics leave out, with how they ended and what they drew."""
+        return self.to_pandas().loc[~self._counted()[0]]
+
+    def probability(self, condition, confidence=0.95):
+        """Share of the flights for which a condition holds, with its exact interval (Clopper and Pearson 1934).
+
+        Args:
+            condition: in names and their suffixes, such as "abs(range_km - 640) < 2 and altitude_km > 6".
+            confidence: of the interval.
+
+        Returns:
+            Series with value, lower, upper, flights (that count) and note (how many are left out, and why).
+
+        Raises:
+            ValueError: for an unknown quantity, or what is no condition.
+        """
+        import pandas as pd
+        from scipy.stats import binomtest
+
+        _require_confidence(confidence)
+        holds, (counted, left_out) = self._evaluated(condition, self._known), self._counted()
+        require(holds.dtype == bool, f"{condition!r} is a number; give a condition, such as 'abs(range_km - 640) < 2'")
+        flights, true = int(counted.sum()), int(holds[counted].sum())
+        interval = binomtest(true, flights).proportion_ci(confidence) if flights else (np.nan, np.nan)
+        numbers = {"value": true / flights if flights else np.nan, "lower": interval[0], "upper": interval[1]}
+        return pd.Series({**numbers, "flights": flights, "note": left_out}, name=condition)
+
+    def explains(self, what, percentile=None, confidence=0.95):
+        """Which share of a variance each dispersed number explains by itself: where the spread of a result comes from.
+
+        Args:
+            what: a quantity, or a condition as of `probability`: then the variance is that of whether it holds.
+            percentile: of the quantity, per cent: then the variance is that of whether a flight lies beyond it. The
+                shares of a tail are not those of the whole spread.
+            confidence: of the intervals.
+
+        Returns:
+            Data frame with columns drawn, share, lower, upper (`shares.explained_share`), flights and note, the
+            largest share first. The last row, "all else", is what is left: air, noise, and what numbers do only
+            together. Shares of numbers that are drawn with a correlation overlap.
+
+        Raises:
+            ValueError: for an unknown quantity, a condition with a percentile, or a level that is no percentage.
+        """
+        import pandas as pd
+
+        from marsedl.fly.shares import FEWEST, explained_share
+
+        _require_confidence(confidence)
+        counted, left_out = self._counted()
+        result = self.values(what) if what in self._known else self._evaluated(what, self._known)
+        result = result[counted].astype(float)
+        if percentile is not None:
+            _needed(percentile)
+            result = (result > np.quantile(result, percentile / 100.0)).astype(float)
+        few = f"{result.size:,} flights; a share takes {FEWEST:,}" if result.size < FEWEST else ""
+        note = "; ".join(filter(None, (few, left_out)))
+        rows = [
+            (name, *explained_share(values[counted], result, confidence), result.size, note)
+            for name, values in self.drawn.items()
+        ]
+        rows.sort(key=lambda row: -np.nan_to_num(row[1]))
+        rest = 1.0 - sum(row[1] for row in rows) if rows else 1.0
+        rows.append(("all else", rest, np.nan, np.nan, result.size, note))
+        return pd.DataFrame(rows, columns=["drawn", "share", "lower", "upper", "flights", "note"])
 
     def replay(self, trial, in_python=False) -> OneFlight:
         """Fly one trial again, alone, with all that is stored at every integration step: the same bits.
@@ -289,17 +458,18 @@ class Flights:
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
-        return OneFlight(trial, history, final, str(campaign.outcomes(flown, range(trial, trial + 1))[0]))
+        outcome = str(campaign.outcomes(flown, range(trial, trial + 1))[0])
+        return OneFlight(trial, history, final, outcome, {name: float(one[trial]) for name, one in self.drawn.items()})
 
     def to_pandas(self):
-        """Data frame of the final numbers and the outcome of every flight, in SI units."""
+        """Data frame of what every flight drew, its numbers and its outcome, in SI units but for derived ones."""
         import pandas as pd
 
         index = pd.RangeIndex(self.trials, name="trial")
-        return pd.DataFrame({**self.final, "outcome": self.outcome}, index=index)
+        return pd.DataFrame({**self._known, "outcome": self.outcome}, index=index)
 
     def to_xarray(self):
-        """Data set of final numbers, outcome and, if stored, histories, with units and meanings as attributes.
+        """Data set of what was drawn, final numbers, outcome and, if stored, histories, with units and meanings.
 
         A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
         """
@@ -312,7 +482,7 @@ class Flights:
             unit, meaning = self._meaning(name)
             return (dimensions, values, {"units": unit, "long_name": meaning})
 
-        variables = {name: described("trial", values, name) for name, values in self.final.items()}
+        variables = {name: described("trial", values, name) for name, values in self._known.items()}
         variables["outcome"] = ("trial", self.outcome, {"long_name": "how the flight ended"})
         coordinates = {"trial": np.arange(self.trials)}
         if self.histories is not None:
