@@ -13,17 +13,18 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_617,
-    "src/marsedl/papers": 9_935,
-    "src/marsedl/methods": 4_380,
-    "src/marsedl/models": 636,
-    "src/marsedl/montecarlo": 1_608,  # a law is compiled alone, so that a new one takes a second
-    "src/marsedl/fly": 931,
+    "src/marsedl": 25_827,
+    "src/marsedl/papers": 9_920,
+    # Any model that flies is linearised by the integrator's own step (`step_map`), for designs of a user's vehicle.
+    "src/marsedl/methods": 4_531,
+    "src/marsedl/models": 635,
+    "src/marsedl/montecarlo": 1_548,  # a law is compiled alone, so that a new one takes a second
+    "src/marsedl/fly": 930,
     # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_341,
 }
-LINES = 36_587  # of tests
+LINES = 37_191  # of tests; the step map is held against the engine, series, CasADi and closed forms
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
