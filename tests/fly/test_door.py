@@ -119,7 +119,7 @@ def test_nodes_follow_the_start_the_lowest_row_and_the_finest_rows_and_stay_wher
         model = entry.model()
         start = dict.fromkeys(("latitude", "longitude", "azimuth"), 0.0) | {"altitude": altitude, "velocity": 5e3}
         p = model.complete(model.p, start)
-        return p.bottom, p.bottom + p.spacing * (len(p.log_density) - 1), p.spacing
+        return p.bottom, p.bottom + p.spacing * (len(p.cells) - 2), p.spacing
 
     assert nodes(Entry(115.0), 125e3) == (-5e3, 150e3, 250.0)
     assert nodes(Entry(115.0), 400e3) == (-5e3, 425e3, 250.0)

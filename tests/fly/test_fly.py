@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import norm
 
 from marsedl.elementary import sine_cosine
@@ -28,11 +29,14 @@ from marsedl.fly import (
     Normal,
     Table,
     Uniform,
+    dynamics,
     fly,
 )
 from marsedl.fly.campaign import Campaign, _fly_chunk
 from marsedl.fly.flights import order_interval
+from marsedl.models.atmosphere import tabulated, uniform_cells, uniform_nodes
 from marsedl.models.dynamics.entry import entry_rates
+from marsedl.papers.random_field import flight as random_field
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 from flown_models import ENDS, PROBE, STEERS, Gains, guide
@@ -143,14 +147,32 @@ def test_markov_air_has_its_deviation_and_correlation():
     assert abs(correlation - expected) < 4 * (1 - expected**2) / np.sqrt(4000)
 
 
-def test_a_table_of_air_is_log_linear(tmp_path):
+def test_a_table_of_air_is_a_monotone_cubic_of_the_logarithm(tmp_path):
     file = tmp_path / "air.csv"
     file.write_text("altitude_km,density_kg_m3\n-10,0.03\n60,1e-4\n200,1e-9\n")
     rows = np.array([[-10e3, 0.03], [60e3, 1e-4], [200e3, 1e-9]])
     for source in (file, rows):
         flown = steered(Entry(115.0, air=Table(source)), trigger=Below("altitude_km", 100.0), trials=1)
-        expected = np.exp(np.interp(100e3, rows[:, 0], np.log(rows[:, 1])))
+        expected = np.exp(PchipInterpolator(rows[:, 0], np.log(rows[:, 1]))(100e3))
         np.testing.assert_allclose(flown.final["density"][0], expected, rtol=1e-9)
+
+
+def test_air_of_a_table_is_that_of_the_papers_to_the_bit():
+    mars = [[0.0, 0.0159], [8e3, 0.008], [25e3, 1.4e-3], [60e3, 2e-5], [125e3, 1e-9]]
+    cells = uniform_cells(*uniform_nodes(tabulated(mars))[2:], 1e3)
+    paper = random_field.Parameters(
+        **dict.fromkeys(random_field.Parameters._fields, 0.0)
+        | {"bottom": -10e3, "cells_per_metre": 1.0 / 1e3, "cells": cells}
+    )
+    stored_as_there, stored_as_here = (
+        Entry(115.0, air=Table(np.array(mars)), nodes=nodes).model().p for nodes in ((-10e3, 300e3, 1e3), None)
+    )
+    for altitude in np.linspace(-15e3, 310e3, 1001):
+        state = random_field.State(radius=altitude, velocity=0.0, path_angle=0.0)
+        expected = random_field.look_up(state, np.zeros(2), paper).log_mean
+        here = dynamics.EntryState(altitude, 5e3, -0.2)
+        assert dynamics.look_up(here, np.zeros(2), stored_as_there).log_density == expected
+        assert abs(dynamics.look_up(here, np.zeros(2), stored_as_here).log_density - expected) < 1e-11
 
 
 def test_dispersions_have_their_distributions_and_keep_their_numbers_when_others_are_added():

@@ -77,14 +77,14 @@ def discrete(flight, intervals, substeps):
     matrix, control = linear_model(states, cosine, mean, inverse, slope, DECAY_FACTOR, *CONSTANTS)
     steps = np.full(intervals, width)
     shape = (intervals, substeps)
-    full = discretize(matrix.reshape(*shape, 5, 5), control.reshape(*shape, 5), np.zeros((*shape, 5, 5)), steps)
+    full = discretize(matrix.reshape(*shape, 5, 5), control.reshape(*shape, 5, 1), np.zeros((*shape, 5, 5)), steps)
     slaved_matrix = density_slaved_matrix(matrix, inverse, states[:, 4])
     assert slaved_matrix.shape == (count, 4, 4)
     slaved = discretize(
-        slaved_matrix.reshape(*shape, 4, 4), control[:, :4].reshape(*shape, 4), np.zeros((*shape, 4, 4)), steps
+        slaved_matrix.reshape(*shape, 4, 4), control[:, :4].reshape(*shape, 4, 1), np.zeros((*shape, 4, 4)), steps
     )
     nodes = path(np.linspace(0, duration, intervals + 1)).T
-    return Reference(nodes, full.transition, full.control, slaved.transition, slaved.control)
+    return Reference(nodes, full.transition, full.control[:, :, 0], slaved.transition, slaved.control[:, :, 0])
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
+from linear_systems import of_one_control
 from marsedl.methods.covariance_steering import block_program, lqg_dual
 from marsedl.methods.covariance_steering.block_program import (
     BlockSystem,
@@ -23,7 +24,6 @@ from marsedl.methods.covariance_steering.block_program import (
 )
 from marsedl.methods.covariance_steering.history_feedback import history_program
 from marsedl.methods.covariance_steering.steering_program import upper_quantile
-from marsedl.methods.lincov import DiscreteSystem
 
 THREE_SIGMA = (1 - 0.9973) / 2
 
@@ -337,7 +337,7 @@ def test_control_limits_agree_with_the_certified_dual_of_stochastic_entry():
     system, target = program.system, np.array([0.3, 1.0, 0.4])
     noise = np.array([np.diag([1e-4, 0.02 * (1 + np.sin(k)), 2e-4]) for k in range(intervals)])
     problem = lqg_dual.ChanceConstrainedProblem(
-        DiscreteSystem(system.transition, system.control[:, :, 0], noise),
+        of_one_control(system.transition, system.control[:, :, 0], noise),
         np.diag([0.1, 0.05, 0.02]),
         target,
         np.full(intervals, 1e-3),

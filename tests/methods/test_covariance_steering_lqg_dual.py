@@ -4,6 +4,7 @@ from math import erf
 import numpy as np
 import pytest
 
+from linear_systems import of_one_control
 from marsedl.methods.covariance_steering.chance import chance_factor
 from marsedl.methods.covariance_steering.lqg_dual import (
     ChanceConstrainedProblem,
@@ -14,8 +15,10 @@ from marsedl.methods.covariance_steering.lqg_dual import (
     solve,
     solve_cone_program,
     solve_over_weights,
+    variances,
 )
-from marsedl.methods.lincov import DiscreteSystem, compose, discretize, propagate
+from marsedl.methods.lincov import compose, discretize, propagate
+from marsedl.methods.linear_system import LinearSystem
 from marsedl.methods.linearization import linearize
 
 STATE_SCALE = np.array([1e3, 100, 0.01, 1e3, 5e-3])
@@ -49,7 +52,7 @@ def flight():
     noise[:, 4, 4] = (0.02 * points[:, 4]) ** 2 * 4 / 9.5e3 * sink_rate
     system = discretize(
         model.state_matrix.reshape(160, 4, 5, 5),
-        model.control_matrix.reshape(160, 4, 5),
+        model.control_matrix.reshape(160, 4, 5, 1),
         noise.reshape(160, 4, 5, 5),
         np.ones(160),
     )
@@ -88,7 +91,7 @@ def solved(pose):
 
 def cost_of(problem, gain):
     """Cost and the ratios of all standard deviations to their limits, from the definition."""
-    covariance, control_variance = propagate(problem.system, gain, problem.initial_covariance)
+    covariance, control_variance = variances(problem, gain)
     final = np.einsum("mi,ij,mj->m", problem.final_directions, covariance[-1], problem.final_directions)
     cost = problem.objective @ covariance[-1] @ problem.objective + problem.control_weight @ control_variance
     return cost, np.sqrt(
@@ -114,7 +117,7 @@ def test_chance_factor_inverts_the_error_function():
 
 def test_riccati_of_one_scalar_step_in_closed_form():
     a, b, q, weight = 1.3, 0.7, 2.0, 0.4
-    system = DiscreteSystem(np.full((1, 1, 1), a), np.full((1, 1), b), np.ones((1, 1, 1)))
+    system = of_one_control(np.full((1, 1, 1), a), np.full((1, 1), b), np.ones((1, 1, 1)))
     gain, value = lqg_gains(system, [[q]], [weight])
     assert gain[0, 0] == pytest.approx(-a * b * q / (b * b * q + weight), rel=1e-15)
     assert value[0, 0, 0] == pytest.approx(a * a * q * weight / (b * b * q + weight), rel=1e-15)
@@ -131,7 +134,7 @@ def test_joseph_form_equals_the_printed_recursion_in_exact_arithmetic():
         return np.vectorize(Fraction, otypes=[object])(array.astype(int).astype(object))
 
     printed = joseph = exact(root @ root.T)
-    gain, value = lqg_gains(DiscreteSystem(transition, control, np.zeros((4, 3, 3))), root @ root.T, weight)
+    gain, value = lqg_gains(of_one_control(transition, control, np.zeros((4, 3, 3))), root @ root.T, weight)
     for k in range(3, -1, -1):
         a, b, r = exact(transition[k]), exact(control[k]), Fraction(int(weight[k]))
         feedback = -(b @ joseph @ a) / (b @ joseph @ b + r)
@@ -147,10 +150,10 @@ def test_printed_gain_has_no_inverse_and_overflows(pose):
     system = pose().system
     weight = 1e12 * np.outer(RANGE, RANGE)
     gain, _ = lqg_gains_as_printed(system, weight, np.full(40, 1e-2))
-    last = np.flatnonzero(system.control.any(axis=1))[-1]
+    last = np.flatnonzero(system.control.any(axis=(1, 2)))[-1]
     tail = np.linalg.multi_dot(system.transition[last + 1 :][::-1])
     after = tail.T @ weight @ tail
-    b = system.control[last]
+    b = system.control[last, :, 0]
     expected = -(b @ after @ b + 1e-2) * (b @ after @ system.transition[last])
     assert gain[last] == pytest.approx(expected, rel=1e-10)
     assert np.abs(expected).max() > 1e25
@@ -198,10 +201,10 @@ def test_solution_does_not_depend_on_units(solved):
     unit = np.array([1e3, 0.3, 1e-2, 1e6, 1e-5])
     other = solve(
         problem._replace(
-            system=DiscreteSystem(
-                problem.system.transition / unit[:, None] * unit,
-                problem.system.control / unit,
-                problem.system.noise / np.outer(unit, unit),
+            system=problem.system._replace(
+                transition=problem.system.transition / unit[:, None] * unit,
+                control=problem.system.control / unit[:, None],
+                noise=problem.system.noise / np.outer(unit, unit),
             ),
             initial_covariance=problem.initial_covariance / np.outer(unit, unit),
             objective=problem.objective * unit,
@@ -224,15 +227,15 @@ def test_without_binding_limits_the_solution_is_lqg(pose):
 
 def test_noise_floor_is_the_effect_of_the_last_noise_alone(pose, solved):
     problem, solution = solved
-    uncontrolled = 1 + np.flatnonzero(problem.system.control.any(axis=1))[-1]
-    tail = DiscreteSystem(*(field[uncontrolled:] for field in problem.system))
-    alone = propagate(tail, np.zeros_like(tail.control), np.zeros((5, 5))).covariance[-1]
+    uncontrolled = 1 + np.flatnonzero(problem.system.control.any(axis=(1, 2)))[-1]
+    tail = LinearSystem(*(field[uncontrolled:] for field in problem.system))
+    alone = propagate(tail, np.zeros((len(tail.control), 1, 5)), np.zeros((5, 5))).covariance[-1]
     assert noise_floor(problem.system, RANGE) == pytest.approx(RANGE @ alone @ RANGE, rel=1e-12)
     assert solution.noise_floor == noise_floor(problem.system, RANGE)
     assert solution.gap_above_floor * (solution.cost - solution.noise_floor) == pytest.approx(
         solution.cost - solution.dual_value, rel=1e-9
     )
-    assert noise_floor(DiscreteSystem(*(field[:uncontrolled] for field in problem.system)), RANGE) == 0
+    assert noise_floor(LinearSystem(*(field[:uncontrolled] for field in problem.system)), RANGE) == 0
 
 
 def test_an_impossible_limit_is_named_with_the_least_attainable_deviation(pose):

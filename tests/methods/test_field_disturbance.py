@@ -281,7 +281,7 @@ def test_uncorrelated_field_is_the_white_noise_of_the_linear_covariance_analysis
         assert not covariance[:3, 3:].any()
         middles = (np.arange(steps) + 0.5) * 2 / steps
         system = lincov.discretize(
-            *([[function(t) for t in middles]] for function in (state_matrix, lambda t: control_matrix(t)[:, 0])),
+            *([[function(t) for t in middles]] for function in (state_matrix, control_matrix)),
             [[np.outer(field_matrix(t), field_matrix(t)) for t in middles]],
             [2.0],
         )

@@ -3,12 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from marsedl.methods.lincov import (
-    DiscreteSystem,
-    compose,
-    discretize,
-    propagate,
-)
+from marsedl.methods.covariance_steering.steering_program import BlockSystem, closed_loop
+from marsedl.methods.lincov import compose, discretize, propagate
 from marsedl.methods.state_trigger import trigger_projection, trigger_time_variance, velocity_indexed_gain
 
 
@@ -17,7 +13,7 @@ def state_matrix(t):
 
 
 def control_matrix(t):
-    return np.array([0.2, np.cos(t), 0.3 * t])
+    return np.array([[0.2, 0.1], [np.cos(t), 0.0], [0.3 * t, np.sin(t)]])
 
 
 def noise_intensity(t):
@@ -43,25 +39,25 @@ def integrated():
     """Transition, control effect and noise of [0, 2] by an adaptive integrator of Eqs. 37 to 39."""
 
     def rates(t, flat):
-        transition, control, noise = flat[:9].reshape(3, 3), flat[9:12], flat[12:].reshape(3, 3)
+        transition, control, noise = flat[:9].reshape(3, 3), flat[9:15].reshape(3, 2), flat[15:].reshape(3, 3)
         a = state_matrix(t)
         return np.concatenate(
             [
                 (a @ transition).ravel(),
-                a @ control + control_matrix(t),
+                (a @ control + control_matrix(t)).ravel(),
                 (a @ noise + noise @ a.T + noise_intensity(t)).ravel(),
             ]
         )
 
-    start = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
+    start = np.concatenate([np.eye(3).ravel(), np.zeros(15)])
     end = solve_ivp(rates, (0, 2), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    return DiscreteSystem(end[:9].reshape(3, 3), end[9:12], end[12:].reshape(3, 3))
+    return end[:9].reshape(3, 3), end[9:15].reshape(3, 2), end[15:].reshape(3, 3)
 
 
 def test_discretization_is_of_second_order(integrated):
     errors = np.array(
         [
-            [np.abs(field[0] - exact).max() for field, exact in zip(discretized(1, s), integrated, strict=True)]
+            [np.abs(field[0] - exact).max() for field, exact in zip(discretized(1, s)[:3], integrated, strict=True)]
             for s in (40, 80, 160)
         ]
     )
@@ -71,12 +67,12 @@ def test_discretization_is_of_second_order(integrated):
 
 def test_transition_and_control_of_a_constant_system_are_of_third_order():
     a, b = state_matrix(0.7), control_matrix(0.7)
-    whole = expm(2 * np.block([[a, b[:, None]], [np.zeros((1, 4))]]))
+    whole = expm(2 * np.block([[a, b], [np.zeros((2, 5))]]))
     errors = []
     for s in (8, 16, 32):
-        system = discretize(np.tile(a, (1, s, 1, 1)), np.tile(b, (1, s, 1)), np.zeros((1, s, 3, 3)), [2.0])
+        system = discretize(np.tile(a, (1, s, 1, 1)), np.tile(b, (1, s, 1, 1)), np.zeros((1, s, 3, 3)), [2.0])
         errors.append(
-            [np.abs(system.transition[0] - whole[:3, :3]).max(), np.abs(system.control[0] - whole[:3, 3]).max()]
+            [np.abs(system.transition[0] - whole[:3, :3]).max(), np.abs(system.control[0] - whole[:3, 3:]).max()]
         )
     errors = np.array(errors)
     assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(3, abs=0.15)
@@ -87,10 +83,10 @@ def test_one_sub_step_of_a_chain_of_integrators_is_exact():
     h, a, b, root = 1.5, np.diag([1.3, -0.7, 0.9], 1), np.array([0.4, 1.1, -0.8, 0.0]), np.diag([0.3, 0.5, 0.2, 0.7])
     root[3, :3] = 0.6, -0.4, 0.1
     intensity = root @ root.T
-    system = discretize(a[None, None], b[None, None], intensity[None, None], [h])
+    system = discretize(a[None, None], b[None, None, :, None], intensity[None, None], [h])
     whole, middle = expm(h * np.block([[a, b[:, None]], [np.zeros((1, 5))]])), expm(h / 2 * a)
-    expected = DiscreteSystem(whole[:4, :4], whole[:4, 4], h * middle @ intensity @ middle.T)
-    for field, exact in zip(system, expected, strict=True):
+    expected = whole[:4, :4], whole[:4, 4:], h * middle @ intensity @ middle.T
+    for field, exact in zip(system[:3], expected, strict=True):
         np.testing.assert_allclose(field[0], exact, rtol=0, atol=1e-14)
 
 
@@ -104,13 +100,14 @@ def test_noise_is_symmetric_to_the_last_bit_and_positive():
     "changes, message",
     [
         ({"state_matrix": np.zeros((4, 2, 3, 2))}, "state_matrix must have shape"),
+        ({"control_matrix": np.zeros((4, 2, 3))}, "control_matrix must have shape"),
         ({"step": np.array([1, 1, 0, 1])}, "step must be positive; entry 2"),
     ],
 )
 def test_bad_models_are_refused(changes, message):
     good = {
         "state_matrix": np.zeros((4, 2, 3, 3)),
-        "control_matrix": np.zeros((4, 2, 3)),
+        "control_matrix": np.zeros((4, 2, 3, 1)),
         "noise_intensity": np.zeros((4, 2, 3, 3)),
         "step": np.ones(4),
     }
@@ -130,25 +127,38 @@ def test_composition_equals_the_same_flight_in_one_piece():
 
 def test_covariance_recursion_against_plain_matrix_products():
     system, rng = discretized(10, 2), np.random.default_rng(8)
-    gain, expected = rng.normal(size=(10, 3)), np.diag([1.0, 0.0, 3.0])
-    covariance, control_variance = propagate(system, gain, expected)
+    gain, expected = rng.normal(size=(10, 2, 3)), np.diag([1.0, 0.0, 3.0])
+    covariance, control_covariance = propagate(system, gain, expected)
     assert np.array_equal(covariance, covariance.swapaxes(1, 2))
     for k in range(10):
-        assert control_variance[k] == pytest.approx(gain[k] @ expected @ gain[k], rel=1e-12)
-        closed_loop = system.transition[k] + np.outer(system.control[k], gain[k])
-        expected = closed_loop @ expected @ closed_loop.T + system.noise[k]
+        np.testing.assert_allclose(control_covariance[k], gain[k] @ expected @ gain[k].T, rtol=1e-12)
+        across = system.transition[k] + system.control[k] @ gain[k]
+        expected = across @ expected @ across.T + system.noise[k]
         assert np.allclose(covariance[k + 1], expected, rtol=1e-12, atol=1e-14)
+
+
+def test_white_noise_is_a_case_of_the_feedback_of_all_history():
+    """`propagate` steps through the intervals, `closed_loop` stacks them."""
+    system, initial = discretized(8, 2), np.diag([1.0, 0.5, 3.0])
+    gain = np.random.default_rng(10).normal(size=(8, 2, 3))
+    history = np.zeros((8, 9, 2, 3))
+    history[np.arange(8), np.arange(8)] = gain
+    stacked = closed_loop(BlockSystem.of(system, np.zeros(3), initial), history)
+    for one, other in zip(propagate(system, gain, initial), stacked, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
 def test_covariance_does_not_depend_on_the_units_of_the_states():
     system, rng, unit = discretized(10, 2), np.random.default_rng(9), np.array([1e3, 1e-4, 7.0])
-    gain, initial = rng.normal(size=(10, 3)), np.diag([1.0, 0.5, 3.0])
-    scaled = DiscreteSystem(
-        system.transition / unit[:, None] * unit, system.control / unit, system.noise / np.outer(unit, unit)
+    gain, initial = rng.normal(size=(10, 2, 3)), np.diag([1.0, 0.5, 3.0])
+    scaled = system._replace(
+        transition=system.transition / unit[:, None] * unit,
+        control=system.control / unit[:, None],
+        noise=system.noise / np.outer(unit, unit),
     )
     plain, other = propagate(system, gain, initial), propagate(scaled, gain * unit, initial / np.outer(unit, unit))
     assert np.allclose(other.covariance * np.outer(unit, unit), plain.covariance, rtol=1e-12)
-    assert np.allclose(other.control_variance, plain.control_variance, rtol=1e-12)
+    assert np.allclose(other.control_covariance, plain.control_covariance, rtol=1e-12)
 
 
 RATES = np.array([-117.4, -3.358, -0.005, 486.0, 5.1e-5])

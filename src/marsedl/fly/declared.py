@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.models.atmosphere import tabulated
 from marsedl.models.density_table import physical_table, read_density_table
 from marsedl.words import remedy, require
 
@@ -267,18 +268,27 @@ class Exponential(NamedTuple):
     surface_density: float = 0.0159  # kg/m^3
     scale_height: float = 10.5e3  # m
 
-    def log_density(self, altitude):
-        """Logarithm of the density in kg/m^3. Raises ValueError for numbers that are no air's."""
+    def profile(self):
+        """The profile, see `models.atmosphere`. Raises ValueError for numbers that are no air's."""
         require_numbers(self, "Exponential")
         require(
             self.surface_density > 0.0 and self.scale_height > 0.0,
             f"{self}: density and scale height must be positive; for no air at all give air=None",
         )
-        return np.log(self.surface_density) - altitude / self.scale_height
+        surface, slope = np.log(self.surface_density), -1.0 / self.scale_height
+        return lambda altitude: (surface - altitude / self.scale_height, slope, 0.0)
+
+    def log_density(self, altitude):
+        """Logarithm of the density in kg/m^3. Raises ValueError for numbers that are no air's."""
+        return self.profile()(altitude)[0]
 
 
 class Table(NamedTuple):
-    """Air of a table, log-linear between its rows and beyond them: a CSV file, or altitude and density as arrays.
+    """Air of a table: a CSV file, or altitude and density as arrays.
+
+    Between its rows the logarithm of the density is a monotone cubic; beyond them it goes on along its end slopes, as
+    in all papers (`models.atmosphere.tabulated`).
+
 
     The file is as `density_table.read_density_table` reads it: columns altitude_km or altitude_m, and density_kg_m3.
     """
@@ -296,13 +306,13 @@ class Table(NamedTuple):
         )
         return physical_table(rows)
 
+    def profile(self):
+        """The profile, see `models.atmosphere`. Raises ValueError for what is no density table."""
+        return tabulated(self.rows())
+
     def log_density(self, altitude):
         """Logarithm of the density in kg/m^3. Raises ValueError for what is no density table."""
-        rows = self.rows()
-        nodes, values = rows[:, 0], np.log(rows[:, 1])
-        slopes = np.diff(values) / np.diff(nodes)
-        piece = np.clip(np.searchsorted(nodes, altitude) - 1, 0, len(slopes) - 1)
-        return values[piece] + slopes[piece] * (altitude - nodes[piece])
+        return self.profile()(altitude)[0]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.elementary import arctangent, clip, exponential, select, sine_cosine
+from marsedl.models.atmosphere import log_density_in_cells, node_below
 from marsedl.models.dynamics import entry
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.flights import Flight
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
-_LARGEST_LOG = 700.0  # of a density, that the exponential treats
 
 # ---- entry -----------------------------------------------------------------------------------------------------------
 
@@ -36,7 +36,7 @@ class EntryParameters(NamedTuple):
     rotation_rate: float
     bottom: float  # lowest node of the mean density, m
     spacing: float  # of these nodes, m
-    log_density: np.ndarray  # (nodes,)
+    cells: np.ndarray  # cubics of its logarithm between them, (nodes + 1, 4), see `models.atmosphere.uniform_cells`
     varied_from: float  # lowest node of the variation, m
     varied_by: float  # spacing of these nodes, m
     retention: float  # correlation of neighbouring nodes
@@ -52,17 +52,10 @@ def vary(node, normal, drawn, p) -> tuple[float, Drawn]:
 
 
 def look_up(state, air, p) -> Air:
-    """Mean density, continued along its end slopes, and the trial's own factor; NaN stays NaN."""
-    place = (state.altitude - p.bottom) / p.spacing
-    last = len(p.log_density) - 2
-    node = 0 if not place > 0.0 else (int(place) if place < last else last)
-    log_density = p.log_density[node] + (place - node) * (p.log_density[node + 1] - p.log_density[node])
-    log_density = _LARGEST_LOG if log_density > _LARGEST_LOG else log_density
-    log_density = -_LARGEST_LOG if log_density < -_LARGEST_LOG else log_density
-    place, last = (state.altitude - p.varied_from) / p.varied_by, len(air) - 1.001
-    place = 0.0 if not place > 0.0 else (place if place < last else last)
-    node = int(place)
-    factor = 1.0 + air[node] + (place - node) * (air[node + 1] - air[node])
+    """Mean density, continued along its end slopes, and the trial's own factor, held beyond its nodes."""
+    log_density = log_density_in_cells(state.altitude, p.bottom, 1.0 / p.spacing, p.cells)
+    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(air))
+    factor = 1.0 + air[node] + fraction * (air[node + 1] - air[node])
     return Air(log_density, factor if factor > 0.0 else 0.0)
 
 

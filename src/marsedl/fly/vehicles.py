@@ -23,6 +23,7 @@ from marsedl.fly.declared import (
     is_number,
     require_numbers,
 )
+from marsedl.models.atmosphere import uniform_cells, uniform_nodes
 from marsedl.words import require
 
 __all__ = ["Entry", "Lander", "Model"]
@@ -159,8 +160,8 @@ class Entry:
         planet: `Planet`.
         air: mean density: `Exponential`, `Table`, or None for no air.
         variation: of the density, `Markov`, or None.
-        nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, log-linear between them;
-            by default they hold all rows of a table and the start. Flights beyond them are told.
+        nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, cubics of its logarithm
+            between them; by default they hold all rows of a table and the start. Flights beyond them are told.
         ground: altitude, m; flights that get below it are told. None: there is no ground.
     """
 
@@ -194,7 +195,7 @@ class Entry:
         )
 
     def _mean_air(self, start=0.0):
-        """Lowest node, spacing and logarithms of the density at the nodes; start: altitude, m."""
+        """Lowest node, spacing and cells of the mean density; start: altitude, m."""
         rows = self.air.rows()[:, 0] if isinstance(self.air, Table) else np.array([-5e3, 150e3])
         spacing = min(SPACING, np.diff(rows).min())
         bottom = -5e3 - spacing * np.ceil(max(-5e3 - rows[0], 0.0) / spacing)
@@ -203,15 +204,17 @@ class Entry:
             len(nodes) == 3 and all(map(is_number, nodes)) and 0.0 < nodes[1] - nodes[0] <= 1e6 * nodes[2],
             f"nodes {nodes}: give altitudes (lowest, highest, spacing) in m, at most a million, or leave them out",
         )
-        altitude = np.arange(nodes[0], nodes[1] + nodes[2], nodes[2])
-        log_density = np.full(altitude.size, -700.0) if self.air is None else self.air.log_density(altitude)
-        return float(nodes[0]), float(nodes[2]), np.asarray(log_density, float)
+        lowest, highest, spacing = map(float, nodes)
+        whole = lowest + spacing * np.ceil((highest - lowest) / spacing)
+        profile = _vacuum if self.air is None else self.air.profile()
+        air = uniform_nodes(profile, lowest, whole, spacing)
+        return lowest, spacing, uniform_cells(air.log_density, air.slope, spacing)
 
     def _completed(self, p, start):
         """Parameters that depend on the start. Warns of a start beyond the table of air, or in other units."""
         from marsedl.fly import dynamics
 
-        bottom, spacing, log_density = self._mean_air(start["altitude"])
+        bottom, spacing, cells = self._mean_air(start["altitude"])
         altitude, velocity = start["altitude"], start["velocity"]
         lowest, *_, highest = self.air.rows()[:, 0] if isinstance(self.air, Table) else (-np.inf, np.inf)
         doubts = {
@@ -221,11 +224,11 @@ class Entry:
         }
         for doubt in (words for words, is_so in doubts.items() if is_so):
             warnings.warn(f"flights start at {doubt}", stacklevel=5)
-        return p._replace(frame=dynamics.frame_of(start), bottom=bottom, spacing=spacing, log_density=log_density)
+        return p._replace(frame=dynamics.frame_of(start), bottom=bottom, spacing=spacing, cells=cells)
 
     def _told(self, p, final):
         """Sentences on flights beyond the nodes of the air, and under the ground."""
-        top = p.bottom + p.spacing * (len(p.log_density) - 1)
+        top = p.bottom + p.spacing * (len(p.cells) - 2)
         low = final["min_altitude"] < p.bottom
         ends = {"lowest": (low, p.bottom), "highest": (final["max_altitude"] > top, top)}
         for word, (beyond, node) in ends.items() if self.air is not None else ():
@@ -281,6 +284,11 @@ class Lander:
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
             failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
         )
+
+
+def _vacuum(altitude):
+    """The profile of no air."""
+    return np.full(np.shape(altitude), -2000.0), 0.0, 0.0
 
 
 def _under_the_ground(altitude, ground):

@@ -23,7 +23,6 @@ import numpy as np
 from marsedl.methods.covariance_steering.history_feedback import feedback_gain, history_program
 from marsedl.methods.covariance_steering.steering_program import (
     BlockSystem,
-    ClosedLoop,
     HalfPlane,
     Margin,
     Percentile,
@@ -42,7 +41,6 @@ from marsedl.summaries import summary
 __all__ = [
     "BlockSystem",
     "CausalRoot",
-    "ClosedLoop",
     "CompiledProgram",
     "HalfPlane",
     "IllConditionedError",

@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 
 from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
-from marsedl.methods.lincov import DiscreteSystem, propagate
+from marsedl.methods.lincov import propagate
+from marsedl.methods.linear_system import LinearSystem
 from marsedl.summaries import summary
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "solve",
     "solve_cone_program",
     "solve_over_weights",
+    "variances",
 ]
 
 # Sweeps before the limits on the final state are questioned, and before the ascent is given up.
@@ -56,7 +58,7 @@ class InfeasibleProblem(ValueError):
 class ChanceConstrainedProblem(NamedTuple):
     """Minimize Var(a'x_N) + sum_k R_k Var(u_k), u_k = K_k x_k, with std(d_i'x_N) <= D_i and std(u_k) <= U_k."""
 
-    system: DiscreteSystem  # N intervals, n states
+    system: LinearSystem  # N intervals, n states, one control; deviations, so that c_k does not count
     initial_covariance: np.ndarray  # P_0, (n, n)
     objective: np.ndarray  # a, (n,)
     control_weight: np.ndarray  # R_k > 0, unit of Var(a'x) per control unit^2, (N,)
@@ -122,7 +124,7 @@ def lqg_gains(system, final_weight, control_weight):
     rounded arithmetic.
 
     Args:
-        system: `DiscreteSystem`.
+        system: `LinearSystem`.
         final_weight: Q, symmetric positive semidefinite, (n, n).
         control_weight: $R_k$, positive, (N,).
 
@@ -133,8 +135,8 @@ def lqg_gains(system, final_weight, control_weight):
         ValueError: if shapes do not fit.
     """
     final_weight, control_weight = _weights(system, final_weight, control_weight)
-    transition, control = (np.ascontiguousarray(field, dtype=float) for field in (system.transition, system.control))
-    return _riccati(transition, control, final_weight, control_weight)
+    transition, control = (np.ascontiguousarray(field, dtype=float) for field in system[:2])
+    return _riccati(transition, control[:, :, 0], final_weight, control_weight)
 
 
 def lqg_gains_as_printed(system, final_weight, control_weight):
@@ -144,7 +146,7 @@ def lqg_gains_as_printed(system, final_weight, control_weight):
           \right) K_k, \quad S_N = Q$
 
     Args:
-        system: `DiscreteSystem`.
+        system: `LinearSystem`.
         final_weight: Q, (n, n).
         control_weight: $R_k$, (N,).
 
@@ -155,12 +157,12 @@ def lqg_gains_as_printed(system, final_weight, control_weight):
         ValueError: if shapes do not fit.
     """
     final_weight, control_weight = _weights(system, final_weight, control_weight)
-    intervals, n = system.control.shape
+    intervals, n, _ = system.control.shape
     gain, value = np.zeros((intervals, n)), np.empty((intervals + 1, n, n))
     value[-1] = final_weight
     with np.errstate(all="ignore"):
         for k in range(intervals - 1, -1, -1):
-            transition, control, after = system.transition[k], system.control[k], value[k + 1]
+            transition, control, after = system.transition[k], system.control[k, :, 0], value[k + 1]
             bracket = control @ after @ control + control_weight[k]
             gain[k] = -bracket * (control @ after @ transition)
             value[k] = transition.T @ after @ transition - bracket * np.outer(gain[k], gain[k])
@@ -176,14 +178,14 @@ def noise_floor(system, objective):
     No feedback can lower it, so no cost of Problem 1 is smaller.
 
     Args:
-        system: `DiscreteSystem`.
+        system: `LinearSystem`.
         objective: a, (n,).
 
     Returns:
         Variance in the unit of $(a^\top x)^2$; 0 if the last control has an effect.
     """
     adjoint, variance = np.array(objective, dtype=float), 0.0
-    for transition, control, noise in zip(*(field[::-1] for field in system), strict=True):
+    for transition, control, noise in zip(*(field[::-1] for field in system[:3]), strict=True):
         if control.any():
             break
         variance += adjoint @ noise @ adjoint
@@ -226,7 +228,7 @@ def solve(problem, tolerance=1e-8):
         objective_weight + _spread(problem.final_directions, final),
         problem.control_weight + control,
     )
-    covariance, control_variance = propagate(problem.system, gain, problem.initial_covariance)
+    covariance, control_variance = variances(problem, gain)
     final_square, control_square = problem.final_limits**2, problem.control_limits**2
     final_ratio, control_ratio = _ratios(problem, covariance[-1], control_variance)
     cost = _cost(problem, covariance[-1], control_variance)
@@ -283,9 +285,9 @@ def solve_cone_program(problem, reference):
     limits = problem.control_limits
 
     covariance, effort, constraints = problem.initial_covariance / np.outer(scale[0], scale[0]), [], []
-    for k, (transition, control, noise) in enumerate(zip(*problem.system, strict=True)):
+    for k, (transition, control, noise) in enumerate(zip(*problem.system[:3], strict=True)):
         across = transition * scale[k] / scale[k + 1][:, None]
-        effect = control[:, None] * limits[k] / scale[k + 1][:, None]
+        effect = control * limits[k] / scale[k + 1][:, None]
         after = across @ covariance @ across.T + noise / np.outer(scale[k + 1], scale[k + 1])
         if control.any():
             if k == 0:
@@ -350,8 +352,8 @@ def solve_over_weights(problem, start=None):
 
     problem = _checked(problem)
     system, scale = problem.system, problem.state_scale
-    intervals, n = system.control.shape
-    free, lower = system.control.any(axis=1), np.tril_indices(n, -1)
+    intervals, n, _ = system.control.shape
+    free, lower = system.control.any(axis=(1, 2)), np.tril_indices(n, -1)
     unit = _cost_unit(problem)
     start = bryson_weights(problem) if start is None else start
     evaluations = 0
@@ -366,7 +368,7 @@ def solve_over_weights(problem, start=None):
         nonlocal evaluations
         evaluations += 1
         gain, _ = lqg_gains(system, *weights(unknown))
-        covariance, control_variance = propagate(system, gain, problem.initial_covariance)
+        covariance, control_variance = variances(problem, gain)
         cost = _cost(problem, covariance[-1], control_variance)
         return gain, cost, np.concatenate(_ratios(problem, covariance[-1], control_variance))
 
@@ -417,7 +419,7 @@ def _ascend(problem, base_weight, floor, tolerance):
     """
     system, m, intervals = problem.system, len(problem.final_limits), len(problem.control_limits)
     square = np.concatenate([problem.final_limits, problem.control_limits]) ** 2
-    free = np.concatenate([np.ones(m, bool), system.control.any(axis=1)])
+    free = np.concatenate([np.ones(m, bool), system.control.any(axis=(1, 2))])
     multiplier = np.where(free, 1e-3 * _open_loop_cost(problem, base_weight) / square, 0.0)
     power = np.repeat([_FINAL_POWER, _CONTROL_POWER], [m, intervals])
     longest = np.repeat([_FINAL_STEP, _CONTROL_STEP], [m, intervals])
@@ -425,11 +427,11 @@ def _ascend(problem, base_weight, floor, tolerance):
     for sweep in range(1, _SWEEPS + 1):
         gain, _ = _riccati(
             system.transition,
-            system.control,
+            system.control[:, :, 0],
             base_weight + _spread(problem.final_directions, multiplier[:m]),
             problem.control_weight + multiplier[m:],
         )
-        covariance, control_variance = propagate(system, gain, problem.initial_covariance)
+        covariance, control_variance = variances(problem, gain)
         cost = np.sum(base_weight * covariance[-1]) + problem.control_weight @ control_variance
         ratio = np.concatenate(_ratios(problem, covariance[-1], control_variance))
         terms = multiplier[:m] * square[:m]
@@ -472,6 +474,20 @@ def _update(multiplier, ratio, square, free, control_weight, cost, power, previo
     return worst, slack
 
 
+def variances(problem, gain):
+    """Covariance of the states and variance of the control under a feedback (`lincov.propagate`).
+
+    Args:
+        problem: `ChanceConstrainedProblem`.
+        gain: K_k, (N, n).
+
+    Returns:
+        Tuple of P_k (N + 1, n, n) and Var(u_k) (N,).
+    """
+    covariance, control_covariance = propagate(problem.system, gain[:, np.newaxis], problem.initial_covariance)
+    return covariance, control_covariance[:, 0, 0]
+
+
 def _question_limits(problem, multipliers):
     """Raise `InfeasibleProblem` if dual bounds prove that the limits on the final state cannot be met.
 
@@ -496,7 +512,7 @@ def _question_limits(problem, multipliers):
 
 def _least_variance(problem, weight):
     """Lower bound of tr(weight P_N) over all feedback that meets the limits on the control."""
-    intervals, n = problem.system.control.shape
+    intervals, n, _ = problem.system.control.shape
     # The recursion needs a weight of the control; this one can cost 1e-9 of the open-loop variance at most.
     price = 1e-9 * _open_loop_cost(problem, weight) / intervals
     bare = problem._replace(
@@ -522,8 +538,8 @@ def _cost_unit(problem):
 
 def _open_loop_cost(problem, weight):
     """tr(weight P_N) without any control."""
-    open_loop = propagate(problem.system, np.zeros_like(problem.system.control), problem.initial_covariance)
-    return float(np.sum(weight * open_loop.covariance[-1]))
+    covariance, _ = variances(problem, np.zeros(problem.system.control.shape[:2]))
+    return float(np.sum(weight * covariance[-1]))
 
 
 def _cost(problem, final_covariance, control_variance):
@@ -551,7 +567,7 @@ def _weights(system, final_weight, control_weight):
     """Both weights as arrays of the shapes that the system asks for."""
     final_weight = np.ascontiguousarray(final_weight, dtype=float)
     control_weight = np.ascontiguousarray(control_weight, dtype=float)
-    intervals, n = system.control.shape
+    intervals, n, _ = system.control.shape
     if final_weight.shape != (n, n) or control_weight.shape != (intervals,):
         raise ValueError(
             f"final_weight and control_weight must have shapes {(n, n)} and {(intervals,)} to fit the system, "
@@ -562,14 +578,14 @@ def _weights(system, final_weight, control_weight):
 
 def _checked(problem):
     """The problem with arrays of floats, after a look at every field."""
-    system = DiscreteSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
+    system = LinearSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
     problem_fields = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
-    if system.control.ndim != 2:
-        raise ValueError(f"system.control must have shape (N, n), not {system.control.shape}")
-    (intervals, n), m = system.control.shape, problem_fields["final_limits"].size
+    if system.control.ndim != 3 or system.control.shape[2] != 1:
+        raise ValueError(f"system.control must have shape (N, n, 1), one control, not {system.control.shape}")
+    (intervals, n, _), m = system.control.shape, problem_fields["final_limits"].size
     shapes = {
         "system.transition": (intervals, n, n),
-        "system.control": (intervals, n),
+        "system.control": (intervals, n, 1),
         "system.noise": (intervals, n, n),
         "initial_covariance": (n, n),
         "objective": (n,),

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods.linear_system import Covariances
 from marsedl.summaries import summary
 
 __all__ = [
     "BlockSystem",
-    "ClosedLoop",
     "HalfPlane",
     "Margin",
     "Percentile",
@@ -46,6 +46,14 @@ class BlockSystem(NamedTuple):
 
     __repr__ = summary
 
+    @classmethod
+    def of(cls, system, initial_mean, initial_covariance):
+        """The system with white disturbances: `LinearSystem`, (n,), (n, n)."""
+        from scipy.linalg import block_diag
+
+        disturbances = block_diag(*system.noise)
+        return cls(system.transition, system.control, system.affine, initial_mean, initial_covariance, disturbances)
+
 
 class Stacked(NamedTuple):
     """Matrices of X = A x_0 + B U + C + G W (random field, Eq. 30)."""
@@ -54,15 +62,6 @@ class Stacked(NamedTuple):
     control: np.ndarray  # B, ((N + 1) n, N m)
     disturbance: np.ndarray  # G, ((N + 1) n, N n)
     affine: np.ndarray  # C, ((N + 1) n,)
-
-    __repr__ = summary
-
-
-class ClosedLoop(NamedTuple):
-    """Covariances of a linear system under feedback of its history."""
-
-    covariance: np.ndarray  # of the states, (N + 1, n, n)
-    control_covariance: np.ndarray  # (N, m, m)
 
     __repr__ = summary
 
@@ -331,7 +330,7 @@ def closed_loop(system, gain, disturbance_covariance=None):
             design added to it, (N n, N n).
 
     Returns:
-        `ClosedLoop`.
+        `Covariances`.
 
     Raises:
         ValueError: if a shape does not fit, or the gain is not causal.
@@ -351,7 +350,7 @@ def closed_loop(system, gain, disturbance_covariance=None):
     initial, disturbed = response @ blocks.transition, response @ blocks.disturbance
     states = initial @ system.initial_covariance @ initial.T + disturbed @ covariance @ disturbed.T
     controls = feedback @ states @ feedback.T
-    return ClosedLoop(diagonal_blocks(states, n), diagonal_blocks(controls, m))
+    return Covariances(diagonal_blocks(states, n), diagonal_blocks(controls, m))
 
 
 def margins(program, law):

@@ -6,11 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from marsedl.methods.taylor import Series
 from marsedl.summaries import summary
 
 __all__ = ["ClosedLoop", "reference_on_half_steps"]
-
-_COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ class ClosedLoop:
     def flow_jacobians(self, first, last):
         """Derivatives of the flow at zero with respect to deviation, disturbance and additive input.
 
-        They are exact: the flow is taken along every unit vector with the complex step.
+        They are exact: the flow is taken along every unit vector as a Taylor series of the first order.
 
         Args:
             first, last: nodes of the fine grid.
@@ -175,9 +174,9 @@ class ClosedLoop:
             Tuple of Phi (nx, nx), Gamma_w (nx, nw) and Gamma_a (nx, nx).
         """
         nx, nw = self.dimension, self.disturbances
-        deviation, disturbance, additive = np.split(1j * _COMPLEX_STEP * np.eye(2 * nx + nw), [nx, nx + nw])
-        flow = np.array(self.flow(first, last, deviation, disturbance, additive)).imag / _COMPLEX_STEP
-        return tuple(np.split(flow, [nx, nx + nw], axis=1))
+        inputs = [Series.along(0.0, direction, 1) for direction in np.eye(2 * nx + nw)]
+        flow = self.flow(first, last, inputs[:nx], inputs[nx : nx + nw], inputs[nx + nw :])
+        return tuple(np.split(np.array([component.coefficients[1] for component in flow]), [nx, nx + nw], axis=1))
 
 
 def _step_along(components, rates, length):

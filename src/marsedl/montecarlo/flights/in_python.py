@@ -8,6 +8,7 @@ from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
+from marsedl.stepping import runge_kutta_4
 from marsedl.words import described, require
 
 
@@ -152,27 +153,23 @@ def _advanced(model, integrator, step):
     def moved(length, slope):
         return kind(*(x + length * k for x, k in zip(state, slope, strict=True)))
 
+    if integrator is integrators.runge_kutta_4:
+
+        def slope(halves, at):
+            return _slope(model, kind(*at), time + 0.5 * step * halves, base + halves)
+
+        return kind(*runge_kutta_4(slope, state, step))
     first = _slope(model, state, time, base)
     if integrator is integrators.euler_maruyama:
         return moved(step, first)
-    if integrator is not integrators.runge_kutta_4:
-        positions = integrator.positions
-        faster = kind(
-            *(x if row < positions else new for row, (x, new) in enumerate(zip(state, moved(step, first), strict=True)))
-        )
-        second = _slope(model, faster, time, base)
-        return kind(
-            *(
-                new if row < positions else x
-                for row, (x, new) in enumerate(zip(faster, moved(step, second), strict=True))
-            )
-        )
-    half, sixth = 0.5 * step, step / 6.0
-    second = _slope(model, moved(half, first), time + half, base + 1)
-    third = _slope(model, moved(half, second), time + half, base + 1)
-    fourth = _slope(model, moved(step, third), time + step, base + 2)
-    slopes = zip(state, first, second, third, fourth, strict=True)
-    return kind(*(x + sixth * (((a + 2.0 * b) + 2.0 * c) + d) for x, a, b, c, d in slopes))
+    positions = integrator.positions
+    faster = kind(
+        *(x if row < positions else new for row, (x, new) in enumerate(zip(state, moved(step, first), strict=True)))
+    )
+    second = _slope(model, faster, time, base)
+    return kind(
+        *(new if row < positions else x for row, (x, new) in enumerate(zip(faster, moved(step, second), strict=True)))
+    )
 
 
 def _part_of_step(model, before, part):

@@ -75,24 +75,19 @@ def solved(posed):
 def held_covariance(fine, starts, gain, initial_covariance):
     """Covariance in every guidance period with the control held over the design's intervals.
 
-    fine: `DiscreteSystem` of the guidance periods, N. starts: (M,), periods in which the control is updated. gain:
+    fine: `LinearSystem` of the guidance periods, N. starts: (M,), periods in which the control is updated. gain:
     (M, n). Returns covariance (N + 1, n, n).
     """
-    n = len(initial_covariance)
-    both = np.zeros((n + 1, n + 1))  # of state and held control
-    both[:n, :n] = initial_covariance
-    covariance = [initial_covariance]
-    updates = dict(zip(starts.tolist(), gain, strict=True))
-    for k, (transition, control, noise) in enumerate(zip(*fine, strict=True)):
-        if k in updates:
-            update = np.vstack([np.eye(n), updates[k]])
-            both = update @ both[:n, :n] @ update.T
-        step = np.zeros((n + 1, n + 1))
-        step[:n, :n], step[:n, n], step[n, n] = transition, control, 1.0
-        both = step @ both @ step.T
-        both[:n, :n] += noise
-        covariance.append((both[:n, :n] + both[:n, :n].T) / 2)
-    return np.array(covariance)
+    intervals, n, _ = fine.control.shape
+    to_both = ((0, 0), (0, 1), (0, 1))  # the state and the control of the period before
+    control = np.concatenate([fine.control, np.ones((intervals, 1, 1))], axis=1)
+    both = fine._replace(
+        transition=np.pad(fine.transition, to_both), control=control, noise=np.pad(fine.noise, to_both)
+    )
+    feedback = np.zeros((intervals, 1, n + 1))
+    feedback[:, 0, n] = 1.0
+    feedback[starts, 0] = np.pad(gain, ((0, 0), (0, 1)))
+    return propagate(both, feedback, np.pad(initial_covariance, (0, 1))).covariance[:, :n, :n]
 
 
 @stage()
@@ -192,7 +187,7 @@ def _apollo(guidance: Guidance, design: Design, linearization, trigger):
     aim = TRIGGERS.index(design.apollo_time_adjoint) if trigger == 0 else 1
     downrange = np.eye(STATES)[DOWNRANGE]
     final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
-    adjoint = adjoint_gains(fine.transition, fine.control, final_adjoint, design.overcontrol)
+    adjoint = adjoint_gains(linearization.transition, linearization.control, final_adjoint, design.overcontrol)
     timed, equivalent, table = adjoint.gain, adjoint.gain, np.zeros((len(adjoint.gain), flight.FEATURES))
     if design.apollo_form == "density_blind":
         # The final adjoint without density: the trigger's projection has none of it in its downrange row.
@@ -222,18 +217,18 @@ def _apollo(guidance: Guidance, design: Design, linearization, trigger):
         1,
         linearization.bank_cosine_slope[:-1],
     )
-    effective[fine.control.any(axis=1) == 0] = 0.0
-    effective_law = propagate(fine, effective, linearization.initial_covariance)
-    against_time = propagate(fine, timed, linearization.initial_covariance)
+    effective[linearization.control.any(axis=1) == 0] = 0.0
+    effective_law = propagate(fine, effective[:, np.newaxis], linearization.initial_covariance)
+    against_time = propagate(fine, timed[:, np.newaxis], linearization.initial_covariance)
     rows = _table_rows(linearization)
     # The table ends where the heading alignment begins; its last gain is the last with any control authority.
-    last = np.flatnonzero(fine.control.any(axis=1))[-1]
+    last = np.flatnonzero(linearization.control.any(axis=1))[-1]
     return {
         "adjoint": adjoint.adjoint,
         "apollo_covariance": effective_law.covariance,
-        "apollo_control_variance": effective_law.control_variance,
+        "apollo_control_variance": effective_law.control_covariance[:, 0, 0],
         "timed_covariance": against_time.covariance,
-        "timed_control_variance": against_time.control_variance,
+        "timed_control_variance": against_time.control_covariance[:, 0, 0],
         "table_gain": table[np.minimum(rows, last)],
     }
 

@@ -5,7 +5,8 @@ import numpy as np
 from marsedl.methods.guidance.apollo import density_slaved_matrix
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine, ramped_bank_cosine_slope
 from marsedl.methods.guidance.longitudinal import linear_model
-from marsedl.methods.lincov import DiscreteSystem, discretize
+from marsedl.methods.lincov import discretize
+from marsedl.methods.linear_system import LinearSystem
 from marsedl.methods.state_trigger import trigger_projection
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
 from marsedl.papers.stochastic_entry import dispersions, environment
@@ -15,9 +16,11 @@ from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nomin
 from marsedl.replication.pipeline.catalogue import stage
 
 
-def system(linearization) -> DiscreteSystem:
+def system(linearization) -> LinearSystem:
     """The discrete system of an artifact."""
-    return DiscreteSystem(linearization.transition, linearization.control, linearization.noise)
+    control = linearization.control[:, :, np.newaxis]
+    no_rest = np.zeros_like(linearization.control)
+    return LinearSystem(linearization.transition, control, linearization.noise, no_rest, linearization.time)
 
 
 @stage()
@@ -61,13 +64,13 @@ def compute(given: Inputs, nominal: Nominal) -> Linearization:
     shape = middles.shape
     discrete = discretize(
         state_matrix.reshape(*shape, STATES, STATES),
-        control_matrix.reshape(*shape, STATES),
+        control_matrix.reshape(*shape, STATES, 1),
         intensity.reshape(*shape, STATES, STATES),
         span,
     )
     slaved = density_slaved_matrix(state_matrix, -slope[at], nominal.density[at])
     blind = discretize(
-        slaved.reshape(*shape, 4, 4), control_matrix[:, :4].reshape(*shape, 4), np.zeros((*shape, 4, 4)), span
+        slaved.reshape(*shape, 4, 4), control_matrix[:, :4].reshape(*shape, 4, 1), np.zeros((*shape, 4, 4)), span
     )
 
     mean = nominal.density[-1], -slope[-1], -air.decay_factor * slope[-1]
@@ -91,10 +94,10 @@ def compute(given: Inputs, nominal: Nominal) -> Linearization:
         drag=nominal.drag[bounds],
         inverse_scale_height=-slope[bounds],
         transition=discrete.transition,
-        control=discrete.control,
+        control=discrete.control[:, :, 0],
         noise=discrete.noise,
         slaved_transition=blind.transition,
-        slaved_control=blind.control,
+        slaved_control=blind.control[:, :, 0],
         initial_covariance=np.diag(initial**2),
         final_rates=final_rates,
         trigger_projection=trigger_projection(final_rates, TRIGGER_NORMAL),

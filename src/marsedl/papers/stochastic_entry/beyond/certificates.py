@@ -8,8 +8,8 @@ from marsedl.methods.covariance_steering.lqg_dual import (
     lqg_gains,
     solve_cone_program,
     solve_over_weights,
+    variances,
 )
-from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.inputs import Design, Guidance, refuse_partial_periods
 from marsedl.papers.stochastic_entry.records import (
@@ -63,7 +63,7 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
     size = np.abs(own_gain).max(axis=0)
 
     def lagrangian(gain):
-        covariance, variance = propagate(nominal_problem.system, gain, nominal_problem.initial_covariance)
+        covariance, variance = variances(nominal_problem, gain)
         return np.sum(weight * covariance[-1]) + control_weight @ variance
 
     best, rises = lagrangian(again), []
@@ -91,7 +91,7 @@ def _textbook_gains(system, final_weight, control_weight):
     """Eq. 55 as printed but for its missing inverse, without the Joseph form of the design."""
     value, gains = final_weight, []
     for transition, control, weight in zip(
-        system.transition[::-1], system.control[::-1], control_weight[::-1], strict=True
+        system.transition[::-1], system.control[::-1, :, 0], control_weight[::-1], strict=True
     ):
         bracket = control @ value @ control + weight
         gain = -(control @ value @ transition) / bracket
