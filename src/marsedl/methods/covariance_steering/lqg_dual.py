@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
+from marsedl.methods.conic import optimum
 from marsedl.methods.lincov import DiscreteSystem, propagate
 from marsedl.summaries import summary
 
@@ -310,8 +310,8 @@ def solve_cone_program(problem, reference):
     constraints += [direction @ covariance @ direction <= 1 for direction in directions]
     program = cvxpy.Problem(cvxpy.Minimize(objective @ covariance @ objective + sum(effort)), constraints)
     what = f"semidefinite program of {len(limits)} intervals"
-    iterations = solve_to_optimum(program, what, accept=(cvxpy.OPTIMAL, cvxpy.OPTIMAL_INACCURATE))
-    return ConeProgram(float(program.value * unit), program.status, iterations)
+    outcome = optimum(program, what, accept_inaccurate=True)
+    return ConeProgram(float(program.value * unit), outcome.status, outcome.iterations)
 
 
 def bryson_weights(problem):

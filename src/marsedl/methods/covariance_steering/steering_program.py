@@ -248,7 +248,10 @@ class SteeringLaw(NamedTuple):
     objective: float  # quadratic_cost + percentile_weight * percentile
     quadratic_cost: float  # J_1 with its constants
     percentile: float  # J_2, largest of the percentiles with their offsets; nan without any
-    status: str  # of the solver
+    status: str  # of CVXPY: "optimal", or "optimal_inaccurate" where the solver did not reach what it was asked for
+    said: str  # the solver's own word for it
+    accepted_by: str  # why the solution counts: see `conic.Outcome`
+    attempt: int  # number of the solver's settings that gave it, from 1
     iterations: int  # of the solver
     solver: str
     duality_gap: float  # of the scaled cone program, relative, as the solver reports it

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from marsedl.methods.conic import Accuracy, check_solver, solve
 from marsedl.methods.sos.sampled_program import Certificate, certify
 
-__all__ = ["SOLVERS", "ConicProgram", "check_solver", "nearest_semidefinite", "run_solver"]
+__all__ = ["ConicProgram", "nearest_semidefinite", "run_solver"]
 
-SOLVERS = ("CLARABEL", "SCS")
 _MOST_ITERATIONS = 20_000  # of SCS
 
 
@@ -90,32 +90,12 @@ def run_solver(problem, solver, tolerance):
     Returns:
         (status, iterations): "optimal", or a sentence with what the solver says.
     """
-    import warnings
-
-    import cvxpy
-
-    if solver == "CLARABEL":
-        options = {"direct_solve_method": "qdldl", "tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
-        options["tol_feas"] = tolerance
-    else:
-        options = {"eps_abs": tolerance, "eps_rel": tolerance, "max_iters": _MOST_ITERATIONS}
-    for variable in problem.variables():
-        variable.value = None  # a failure must not leave the last solution
-    with warnings.catch_warnings():
-        # The status says it.
-        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-        try:
-            problem.solve(solver=solver, warm_start=False, **options)
-        except cvxpy.error.SolverError as error:
-            return f"{solver} failed: {error}", 0
-    status = problem.status if problem.status == "optimal" else f"{solver} says {problem.status.replace('_', ' ')}"
-    return status, int(problem.solver_stats.num_iters or 0)
-
-
-def check_solver(solver):
-    """ValueError unless the solver is one of ours."""
-    if solver not in SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, not {solver!r}")
+    settings = ({"max_iters": _MOST_ITERATIONS} if solver == "SCS" else {},)
+    outcome = solve(problem, solver=solver, asked=Accuracy(tolerance, tolerance), settings=settings)
+    if outcome.status == "solver_error":
+        return f"{solver} failed: {outcome.said}", outcome.iterations
+    status = outcome.status if outcome.accepted_by else f"{solver} says {outcome.status.replace('_', ' ')}"
+    return status, outcome.iterations
 
 
 def nearest_semidefinite(matrix):

@@ -19,7 +19,8 @@ from math import factorial, fsum
 
 import numpy as np
 
-from marsedl.methods.sos.conic_program import check_solver, nearest_semidefinite, run_solver
+from marsedl.methods.conic import check_solver
+from marsedl.methods.sos.conic_program import nearest_semidefinite, run_solver
 from marsedl.methods.sos.variety import Spheres
 from marsedl.summaries import summary
 
