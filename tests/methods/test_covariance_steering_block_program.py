@@ -524,6 +524,16 @@ def test_a_law_tells_the_status_the_attempt_and_the_rule_by_which_it_counts(monk
             lambda p: replace(p, system=p.system._replace(initial_covariance=np.triu(np.ones((3, 3))))),
             "system.initial_covariance must be symmetric",
         ),
+        (
+            # Altitude in m and path angle in rad, with a correlation of 2: far below a billionth of the largest entry.
+            lambda p: replace(
+                p,
+                system=p.system._replace(
+                    initial_covariance=np.array([[1e6, 0.0, 0.2], [0.0, 1.0, 0.0], [0.2, 0.0, 1e-8]])
+                ),
+            ),
+            "system.initial_covariance must be positive semidefinite, .* eigenvalue -1",
+        ),
         (lambda p: closed_loop(p.system, np.ones((4, 5, 2, 3))), "gain is not causal"),
     ],
 )

@@ -2,9 +2,10 @@
 
 from typing import NamedTuple
 
+from marsedl.methods.checks import require_one_of
 from marsedl.summaries import summary
 
-__all__ = ["SOLVERS", "Accuracy", "Outcome", "check_solver", "optimum", "solve"]
+__all__ = ["SOLVERS", "Accuracy", "Outcome", "optimum", "solve"]
 
 SOLVERS = ("CLARABEL", "SCS")
 # Why a solution is accepted.
@@ -70,7 +71,7 @@ def solve(problem, *, solver="CLARABEL", asked=CLARABELS_OWN, settings=({},), en
 
     import cvxpy
 
-    check_solver(solver)
+    require_one_of("solver", solver, SOLVERS)
     for attempt, further in enumerate(settings, 1):
         options = _accuracy_options(solver, asked) | further
         for variable in problem.variables():
@@ -111,12 +112,6 @@ def optimum(problem, what, **options):
     if not outcome.accepted_by:
         raise RuntimeError(f"{what}: {outcome.sentence}")
     return outcome
-
-
-def check_solver(solver):
-    """ValueError unless the solver is one of ours."""
-    if solver not in SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, not {solver!r}")
 
 
 def _accuracy_options(solver, asked):

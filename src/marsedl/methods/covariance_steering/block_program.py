@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods import conic
+from marsedl.methods.checks import require_one_of
 from marsedl.methods.covariance_steering.history_feedback import feedback_gain, history_program
 from marsedl.methods.covariance_steering.steering_program import (
     BlockSystem,
@@ -176,9 +177,8 @@ def solve(
         RuntimeError: if no attempt gives a solution that is accepted.
         ValueError: if form or solver are unknown.
     """
-    conic.check_solver(solver)
-    if form not in ("innovations", "history"):
-        raise ValueError(f'form must be "innovations" or "history", not {form!r}')
+    require_one_of("solver", solver, conic.SOLVERS)
+    require_one_of("form", form, ("innovations", "history"))
     model = _assemble(program, accept_ill_conditioned)
     cone_program = _build(model) if form == "innovations" else _build_history(model)
     asked = _ASKED[solver] if tolerance is None else conic.Accuracy(tolerance, tolerance)

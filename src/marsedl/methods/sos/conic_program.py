@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from marsedl.methods.conic import Accuracy, check_solver, solve
+from marsedl.methods.checks import require_array, require_one_of
+from marsedl.methods.conic import SOLVERS, Accuracy, solve
 from marsedl.methods.sos.sampled_program import Certificate, certify
 
 __all__ = ["ConicProgram", "nearest_semidefinite", "run_solver"]
@@ -30,10 +31,9 @@ class ConicProgram:
     def __init__(self, basis, solver="CLARABEL", tolerance=1e-7):  # noqa: D107
         import cvxpy
 
-        check_solver(solver)
+        require_one_of("solver", solver, SOLVERS)
         self.basis = np.asarray(basis, dtype=float)
-        if self.basis.ndim != 2 or not np.isfinite(self.basis).all():
-            raise ValueError(f"the basis must be a finite matrix (M, p), its shape is {self.basis.shape}")
+        require_array("basis", self.basis, ("M", "p"))
         self.solver, self.tolerance = solver, tolerance
         samples, size = self.basis.shape
         products = np.einsum("mi,mj->mij", self.basis, self.basis).reshape(samples, -1)
@@ -58,8 +58,7 @@ class ConicProgram:
         """
         samples, size = self.basis.shape
         values = np.asarray(values, dtype=float)
-        if values.shape != (samples,) or not np.isfinite(values).all():
-            raise ValueError(f"expected {samples} finite values at the samples, not an array {values.shape}")
+        require_array("values", values, (samples,))
         shift, scale = values.mean(), np.ptp(values) or 1.0
         self._values.value = (values - shift) / scale
         status, iterations = run_solver(self._problem, self.solver, self.tolerance)
