@@ -23,16 +23,17 @@ def correlations(name, matrix, definite=False):
     Raises:
         ValueError: if the matrix is not symmetric, or not positive semidefinite, up to rounding.
     """
-    diagonal = np.diag(matrix)
+    diagonal = matrix.diagonal()
     units = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    scaled = matrix / np.outer(units, units)
+    scaled = matrix / (units[:, np.newaxis] * units)
     if np.abs(scaled - scaled.T).max() > _ROUNDING:
         raise ValueError(f"{name} must be symmetric")
     kind = "definite" if definite else "semidefinite"
-    if matrix[diagonal <= 0].any():
+    if diagonal.min() <= 0 and matrix[diagonal <= 0].any():
         raise ValueError(f"{name} must be positive {kind}, but has {diagonal.min():.3g} on its diagonal")
-    least, largest = np.linalg.eigvalsh(scaled)[[0, -1]]
-    if least < -_ROUNDING * largest or (definite and least <= 0):
+    eigenvalues = np.linalg.eigvalsh(scaled)
+    least = eigenvalues[0]
+    if least < -_ROUNDING * eigenvalues[-1] or (definite and least <= 0):
         raise ValueError(
             f"{name} must be positive {kind}, but with its diagonal scaled to one it has the eigenvalue {least:.3g}"
         )
