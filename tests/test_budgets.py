@@ -13,17 +13,17 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_933,
-    "src/marsedl/papers": 9_922,
-    "src/marsedl/methods": 4_531,
-    "src/marsedl/models": 635,
+    "src/marsedl": 25_953,
+    "src/marsedl/papers": 9_938,
+    "src/marsedl/methods": 4_519,
+    "src/marsedl/models": 652,
     "src/marsedl/montecarlo": 1_548,  # a law is compiled alone, so that a new one takes a second
-    "src/marsedl/fly": 1_032,
+    "src/marsedl/fly": 1_031,
     # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_343,
 }
-LINES = 37_382  # of tests
+LINES = 37_505  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

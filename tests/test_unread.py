@@ -23,7 +23,8 @@ TEXTS = [
 ]
 DOCS = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb"), ROOT / "README.md", ROOT / "pyproject.toml"]
 # Tests alone read them: the minimum principle, the envelope theorem, what the printed boundary condition designs for.
-EVIDENCE = {"costate", "path_weight", "noise_density_design"}
+# Who opens the artifact reads how a path went beyond a fold.
+EVIDENCE = {"costate", "path_weight", "noise_density_design", "fold_barrier"}
 # Called by name: by the workflow (what a paper draws, tabulates and claims), and by libraries.
 CALLED = re.compile(r"src/marsedl/papers/\w+/(figures|tables|claims/.*)\.py|src/marsedl/cli\.py")
 

@@ -573,7 +573,7 @@ def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
 @pytest.mark.parametrize(
     ("changes", "arguments", "message"),
     [
-        ({}, {"scheme": "euler"}, "scheme: 'euler' is not one of midpoint, trapezoid, hermite_simpson"),
+        ({}, {"scheme": "euler"}, "scheme must be one of midpoint, trapezoid, hermite_simpson, not 'euler'"),
         ({}, {"intervals": [0.0, 0.5, 0.5, 1.0]}, "must increase from 0 to 1"),
         ({"rates": lambda x, v, a: (v,)}, {}, "rates must return one value per state: 1 values for 2 states"),
     ],

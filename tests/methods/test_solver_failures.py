@@ -4,8 +4,8 @@ import cvxpy
 import numpy as np
 import pytest
 
-from marsedl.methods.covariance_steering import block_program, clarabel
-from marsedl.methods.sos import conic_program
+from marsedl.methods import conic
+from marsedl.methods.sos.conic_program import run_solver
 
 
 def bounded():
@@ -30,7 +30,7 @@ def numerically_failing():
 
 
 @pytest.mark.parametrize(
-    ("problem", "options", "status"),
+    ("problem", "settings", "status"),
     [
         (infeasible, {}, r"'infeasible' \(PrimalInfeasible\)"),
         (unbounded, {}, r"'unbounded' \(DualInfeasible\)"),
@@ -38,29 +38,28 @@ def numerically_failing():
         (numerically_failing, {}, r"'\w+' \(\w+\)"),
     ],
 )
-def test_an_optimum_or_an_error_with_status_iterations_and_residuals(monkeypatch, problem, options, status):
-    monkeypatch.setattr(clarabel, "_OPTIONS", clarabel._OPTIONS | options)
+def test_an_optimum_or_an_error_with_status_iterations_and_residuals(problem, settings, status):
     with pytest.raises(
         RuntimeError,
-        match=rf"^the case: Clarabel ended with the status {status} after \d+ iterations, with residuals "
+        match=rf"^the case: CLARABEL ended with the status {status} after \d+ iterations, with residuals "
         r"[-+.e\dnaif]+ \(primal\) and [-+.e\dnaif]+ \(dual\)$",
     ):
-        clarabel.solve_to_optimum(problem(), "the case")
+        conic.optimum(problem(), "the case", settings=(settings,))
 
 
-@pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
+@pytest.mark.parametrize("solver", conic.SOLVERS)
 @pytest.mark.parametrize(
     ("problem", "words"), [(infeasible, "infeasible"), (unbounded, "unbounded"), (numerically_failing, "")]
 )
 def test_the_sums_of_squares_have_a_status_in_words_and_no_solution(solver, problem, words):
     posed = problem()
-    status, iterations = conic_program.run_solver(posed, solver, 1e-8)
+    status, iterations = run_solver(posed, solver, 1e-8)
     assert status.startswith((f"{solver} says {words}", f"{solver} failed"))
     assert words in status
     assert iterations >= 0
 
 
-@pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
+@pytest.mark.parametrize("solver", conic.SOLVERS)
 @pytest.mark.parametrize(
     ("problem", "limit", "statuses"),
     [
@@ -71,12 +70,39 @@ def test_the_sums_of_squares_have_a_status_in_words_and_no_solution(solver, prob
         (numerically_failing, {}, None),
     ],
 )  # fmt: skip
-def test_the_steering_program_reports_status_iterations_and_residuals(monkeypatch, solver, problem, limit, statuses):
-    options = block_program._options(solver, 1e-12)
-    monkeypatch.setattr(block_program, "_options", lambda *_: [o | limit.get(solver, {}) for o in options])
-    report = block_program._run(problem(), solver, 1e-12)
-    assert report["status"] != "optimal"
-    assert statuses is None or report["status"] in statuses
-    assert report["solver"] == solver
-    assert report["iterations"] >= 0
-    assert {"duality_gap", "primal_residual", "dual_residual"} <= report.keys()
+def test_what_is_not_solved_is_not_accepted_and_leaves_no_solution_of_before(solver, problem, limit, statuses):
+    posed = problem()
+    for variable in posed.variables():
+        variable.value = np.ones(variable.shape)
+    settings = [limit.get(solver, {})] * 3
+    outcome = conic.solve(posed, solver=solver, asked=conic.Accuracy(1e-12, 1e-12), settings=settings)
+    assert statuses is None or outcome.status in statuses
+    assert outcome.accepted_by == ""
+    assert outcome.solver == solver
+    assert outcome.iterations >= 0
+    assert outcome.attempt == (1 if outcome.status == "infeasible" else 3)  # which nothing else would change
+    if outcome.status in ("infeasible", "unbounded", "solver_error"):
+        assert all(variable.value is None for variable in posed.variables())
+
+
+def test_an_inaccurate_solution_keeps_its_name_and_says_by_which_rule_it_is_accepted():
+    out_of_reach = {"asked": conic.Accuracy(1e-17, 1e-17)}
+    refused = conic.solve(bounded(), settings=({}, {"max_step_fraction": 0.9}), **out_of_reach)
+    by_accuracy = conic.solve(bounded(), enough=conic.Accuracy(1e-8, 1e-7), settings=({}, {}), **out_of_reach)
+    by_leave = conic.solve(bounded(), enough=conic.Accuracy(1e-30, 1e-30), accept_inaccurate=True, **out_of_reach)
+    assert {each.status for each in (refused, by_accuracy, by_leave)} == {"optimal_inaccurate"}
+    assert (refused.accepted_by, refused.attempt) == ("", 2)
+    assert (by_accuracy.accepted_by, by_accuracy.attempt) == ("accuracy", 1)
+    assert (by_leave.accepted_by, by_leave.attempt) == ("leave", 1)
+    assert 0.0 <= by_accuracy.duality_gap <= 1e-8
+    assert conic.solve(bounded()).accepted_by == "status"
+
+
+def test_the_first_settings_with_a_solution_win():
+    outcome = conic.solve(bounded(), settings=({"max_iter": 2}, {}, {"max_iter": 3}))
+    assert (outcome.status, outcome.attempt, outcome.accepted_by) == ("optimal", 2, "status")
+
+
+def test_an_unknown_solver_is_refused():
+    with pytest.raises(ValueError, match="solver must be one of CLARABEL, SCS, not 'ECOS'"):
+        conic.solve(bounded(), solver="ECOS")

@@ -74,7 +74,7 @@ def test_no_solution_is_not_sound(solved):
 
 def test_bad_input_is_refused(solved):
     design, certificate, function = solved
-    with pytest.raises(ValueError, match="at least one point"):
+    with pytest.raises(ValueError, match="points must be at least 1, not 0"):
         verify(design, certificate, function, 9, points=0)
     with pytest.raises(ValueError, match="4000 finite values"):
         verify(design, certificate, lambda points: points, 9)

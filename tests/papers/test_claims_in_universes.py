@@ -200,6 +200,7 @@ def without_rows(*weights, effort=0.1):
         rows = {name: getattr(record, name)[kept] for name in by_row}
         if isinstance(record, desensitized.Tradeoff):
             rows |= {"missing_weight": np.array(weights), "missing_effort": np.full(len(weights), effort)}
+            rows |= {"missing_reason": np.array(["nominal: the solver ended with Restoration_Failed"] * len(weights))}
         return replace(record, **rows)
 
     return change
@@ -301,6 +302,7 @@ def test_a_row_that_no_solution_has_has_no_value():
     assert {class_of(found[name]).cause for name in missing} == {"infeasible"}
     elsewhere = verdicts("desensitized", "corrected", without_rows(0.001, effort=1.0))["tab03_c0p001"]
     assert class_of(elsewhere).cause == "refused" and not isinstance(elsewhere, InfeasibleError)
+    assert str(elsewhere) == "c1 = 0.001 has no row: nominal: the solver ended with Restoration_Failed"
 
 
 def test_a_universe_whose_nominal_differs_from_the_text_is_inadmissible():

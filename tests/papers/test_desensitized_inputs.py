@@ -234,7 +234,9 @@ def test_a_row_below_the_least_energy_is_left_out(monkeypatch):
     rule = {"weight_rule": "matched", "printed_least_effort": 0.1374}
     design = Design.from_plain(weights | rule | {"infeasible_rows": "no_value"})
     points = path_of([0.1416, 0.143, 0.0509, 5.0], [0, 0, 1, 1], [0.0, 0.036, 0.0509, 5.0])
-    ((c1, row),) = tradeoff.chosen(None, design, None, points).items()
+    rows, missing = tradeoff.chosen(None, design, None, points)
+    ((c1, row),) = rows.items()
+    assert missing == {0.001: (0.14, "the control energy 0.14 deg^2/s^3 lies below the least, 0.1416")}
     assert c1 == 0.01 and row.branch == 1 and tradeoff.effort(row.solution) == pytest.approx(0.3078)
     ratios = Design.from_plain(weights | rule | {"infeasible_rows": "printed_ratios"})
     assert tradeoff.row_efforts(ratios, 0.1416) == pytest.approx([0.1416 * 0.14 / 0.1374, 0.3078])
@@ -257,7 +259,41 @@ def test_a_row_without_a_solution_leaves_the_others(monkeypatch):
         }
     )
     points = path_of([0.1, 0.12, 0.2, 5.0], [0, 0, 1, 1], [0.0, 0.1, 0.2, 5.0])
-    assert list(tradeoff.chosen(None, design, None, points)) == [0.01]
+    rows, missing = tradeoff.chosen(None, design, None, points)
+    assert list(rows) == [0.01]
+    assert missing[0.001].reason.startswith("no solution on the path has the control energy 0.15 deg^2/s^3")
+
+    def failing(solver, case, *_, **__):
+        raise SolverError(f"{case}: the solver ended with Restoration_Failed", {})
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", failing)
+    rows, missing = tradeoff.chosen(None, design, None, points)
+    assert rows == {} and [*missing] == [0.001, 0.01]
+    assert missing[0.01].reason == "control energy 0.3078: the solver ended with Restoration_Failed"
+
+
+def test_the_barrier_that_leads_beyond_a_fold_is_kept(monkeypatch):
+    end = SimpleNamespace(solution="before", target=0.04, reached=0.036)
+    tried = []
+
+    def solved(solver, case, transcribed, guess, barrier, **options):
+        tried.append(barrier)
+        if len(tried) < needed:
+            raise SolverError("does not converge", {})
+        return "beyond"
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
+    needed = 2
+    assert tradeoff.beyond_branch(None, None, end) == ("before", "beyond", 1.0)
+    tried.clear()
+    needed = 3
+    fold = tradeoff.beyond_branch(None, None, end)
+    assert fold.beyond == "beyond" and np.isnan(fold.barrier), "the solver's own choice"
+    tried.clear()
+    needed = 4
+    with pytest.raises(SolverError, match=r"stops at 0\.036, and 0\.04 does not converge; give a weight_path"):
+        tradeoff.beyond_branch(None, None, end)
+    assert tried == [1e-2, 1.0, None]
 
 
 def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):

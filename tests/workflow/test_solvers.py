@@ -22,7 +22,7 @@ FAILING = {
     "random_field": (
         {"double_integrator_final_three_sigma": "[1.0e-5, 1.0e-5]"},
         "double_integrator",
-        ["double integrator: ", "status 'infeasible' after ", "residuals"],
+        ["double integrator: ", "status 'infeasible' (PrimalInfeasible) after ", "residuals"],
     ),
     "desensitized": (
         {"solver_iterations": "3"},

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.models.atmosphere import tabulated
+from marsedl.models.correlations import correlations
 from marsedl.models.density_table import physical_table, read_density_table
 from marsedl.words import remedy, require
 
@@ -95,13 +96,8 @@ class MultivariateNormal:
         """
         from marsedl.models.random_field import root
 
-        variances = np.diag(self.covariance)
-        require(
-            not (variances < 0.0).any() and not self.covariance[variances == 0.0].any(),
-            "a variance is negative, or zero beside a covariance that is not",
-        )
-        deviations = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-        return deviations, root(self.covariance / np.outer(deviations, deviations))
+        deviations, scaled = correlations("the covariance", self.covariance)
+        return deviations, root(scaled)
 
 
 def is_number(value) -> bool:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods.checks import require_one_of
 from marsedl.methods.linearization import symbols_in_numpy
 from marsedl.summaries import summary
 
@@ -260,8 +261,7 @@ class Program:
         name, rates that are not one per state, and a condition or cost that is not one number.
         """
         for option, word, choices in (("scheme", scheme, SCHEMES), ("hessian", hessian, HESSIANS)):
-            if word not in choices:
-                raise ValueError(f"{option}: '{word}' is not one of {', '.join(choices)}")
+            require_one_of(option, word, choices)
         self.problem, self.mesh, self.scheme, self.hessian = problem, _mesh(intervals), scheme, hessian
         self._equations = _Equations(problem, scheme, expand)
         self._solvers = {}

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from marsedl.compiling import jitable
+from marsedl.methods.checks import require_at_least
 
 __all__ = ["Series"]
 
@@ -49,8 +50,7 @@ class Series(np.lib.mixins.NDArrayOperatorsMixin):
         Returns:
             Series with coefficients (order + 1, ...).
         """
-        if order < 1:
-            raise ValueError(f"a ray needs a series of order 1 or more, not {order}")
+        require_at_least("order", order, 1)
         base, direction = np.broadcast_arrays(base, direction)
         coefficients = np.zeros((order + 1, *base.shape), dtype=np.result_type(base, direction, 0.0))
         coefficients[0] = base

@@ -15,11 +15,12 @@ F'F = B'QB + R, taken from the last control to the first, completes the squares 
 plus |T|^2 for T = F Y + H. T is as causal as Y and the unknown of the cone program; without constraints it is zero.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods import conic
+from marsedl.methods.checks import require_one_of
 from marsedl.methods.covariance_steering.history_feedback import feedback_gain, history_program
 from marsedl.methods.covariance_steering.steering_program import (
     BlockSystem,
@@ -41,7 +42,6 @@ from marsedl.summaries import summary
 __all__ = [
     "BlockSystem",
     "CausalRoot",
-    "CompiledProgram",
     "HalfPlane",
     "IllConditionedError",
     "InfeasibleProgram",
@@ -53,7 +53,6 @@ __all__ = [
     "TrustRegion",
     "causal_root",
     "closed_loop",
-    "compile_program",
     "margins",
     "solve",
     "stacked",
@@ -63,17 +62,25 @@ __all__ = [
 _WORST_CONDITION = 1e12
 # Gains, in units in which everything is of order one, beyond which a law answers rounding errors.
 _LARGEST_GAIN = 1e8
-_SOLVERS = ("CLARABEL", "SCS")
 # Ratio of the curvatures of the cost by two controls below which its squares are not completed.
 _LEAST_CURVATURE = 1e-7
-# Cones that are given to CVXPY as one matrix when a program is translated for a single solution.
+# Cones that are given to CVXPY as one matrix.
 _CONES_TOGETHER = 8
-# Accuracy of Clarabel that is enough where rounding allows no more: duality gap and residuals.
-_LEAST_GAP, _LEAST_RESIDUAL = 1e-8, 1e-7
+# What Clarabel and SCS are asked for, of the scaled program, unless the caller says otherwise.
+_ASKED = {"CLARABEL": conic.Accuracy(1e-9, 1e-8), "SCS": conic.Accuracy(1e-9, 1e-9)}
+# What is enough of that where rounding allows no more.
+_ENOUGH = conic.Accuracy(1e-8, 1e-7)
+# Clarabel's own scaling costs iterations where ours is good. Near the optimum its large cones can lose accuracy as
+# steps come too close to their boundary, so a second attempt keeps more distance.
+_SETTINGS = {
+    "CLARABEL": tuple(
+        {"equilibrate_enable": own_scaling, "max_step_fraction": fraction}
+        for own_scaling, fraction in ((False, 0.95), (False, 0.8), (True, 0.9))
+    ),
+    "SCS": ({"max_iters": 200_000},),
+}
 # Excess of a constraint, over its size, that is not rounding.
 _VIOLATED = 1e-6
-# Unknowns times parameters that CVXPY translates without filling the memory, once for every matrix of cones.
-_MOST_ENTRIES = 50_000_000
 
 
 class IllConditionedError(ValueError):
@@ -139,62 +146,6 @@ def causal_root(system, pivot_tolerance=1e-14):
     return CausalRoot(factor, whitening, block, condition)
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledProgram:
-    """A cone program whose numbers are parameters, so that further programs of its structure need no translation."""
-
-    structure: dict
-    solver: str
-    cone_program: "_ConeProgram"
-    parameters: dict
-
-    __repr__ = summary
-
-    def solve(self, program, *, tolerance=None, accept_inaccurate=False, accept_ill_conditioned=False):
-        """Solve a program of equal sizes, ranks, steps and kinds of constraints; arguments and results as of `solve`.
-
-        Raises:
-            ValueError: if the structure differs, and as `solve`.
-            RuntimeError: as `solve`.
-        """
-        model = _assemble(program, accept_ill_conditioned)
-        for name, compiled_value in self.structure.items():
-            if model.structure[name] != compiled_value:
-                raise ValueError(f"the program's structure differs from the compiled one in: {name}; compile it again")
-        for name, parameter in self.parameters.items():
-            parameter.value = model.data[name]
-        return _solve(model, self.cone_program, self.solver, tolerance, accept_inaccurate, accept_ill_conditioned)
-
-
-def compile_program(program, *, solver="CLARABEL", accept_ill_conditioned=False):
-    """Translate a program into a parametrized cone program, for many programs that differ in their numbers only.
-
-    Args:
-        program: `SteeringProgram` that gives the structure.
-        solver, accept_ill_conditioned: as for `solve`, which is faster for a single program.
-
-    Returns:
-        `CompiledProgram`; its first `solve` completes the translation.
-
-    Raises:
-        ValueError: as `solve`; or if the program is too large to be compiled, from about 50 intervals of 3 states on.
-    """
-    import cvxpy
-
-    _check_solver(solver)
-    model = _assemble(program, accept_ill_conditioned)
-    numbers = sum(value.size for value in model.data.values())
-    entries = (np.count_nonzero(model.causal) + len(model.causal)) * numbers
-    if entries > _MOST_ENTRIES:
-        raise ValueError(
-            f"{len(program.system.control)} intervals and {len(model.root.block)} innovations are too many to be "
-            "compiled; use solve for each program: at this size it spends little of its time on translation"
-        )
-    cones_together = max(2, -(-len(model.structure["steps of deviations"]) * entries // _MOST_ENTRIES))
-    parameters = {name: cvxpy.Parameter(value.shape) for name, value in model.data.items()}
-    return CompiledProgram(model.structure, solver, _build(model, parameters, cones_together), parameters)
-
-
 def solve(
     program,
     *,
@@ -211,25 +162,48 @@ def solve(
         form: "innovations", or "history": Eq. 56 as it is printed, with the unknown L (slow, an oracle).
         solver: "CLARABEL", or "SCS" for a second opinion.
         tolerance: of gap and residuals of the scaled program; None: for Clarabel a gap of 1e-9 and residuals of 1e-8,
-            or 1e-8 and 1e-7 where rounding allows no more; 1e-9 for SCS.
-        accept_inaccurate: take a solution of less accuracy, which the law's status then tells.
+            1e-9 for SCS; 1e-8 and 1e-7 are accepted where rounding allows no more.
+        accept_inaccurate: take a solution of less accuracy.
         accept_ill_conditioned: solve even if Cov(W) is so ill-conditioned that gains have no bound in practice.
 
     Returns:
-        `SteeringLaw`.
+        `SteeringLaw`; its status is the solver's, and `accepted_by` says by which rule the solution counts.
 
     Raises:
         IllConditionedError: if the condition number of Cov(W) exceeds 1e12, or the gains exceed 1e8.
         InfeasibleProgram: if the constraints cannot be met, with those that fail and by how much.
-        RuntimeError: if the solver ends with another status than "optimal".
+        RuntimeError: if no attempt gives a solution that is accepted.
         ValueError: if form or solver are unknown.
     """
-    _check_solver(solver)
-    if form not in ("innovations", "history"):
-        raise ValueError(f'form must be "innovations" or "history", not {form!r}')
+    require_one_of("solver", solver, conic.SOLVERS)
+    require_one_of("form", form, ("innovations", "history"))
     model = _assemble(program, accept_ill_conditioned)
-    cone_program = _build(model, model.data) if form == "innovations" else _build_history(model)
-    return _solve(model, cone_program, solver, tolerance, accept_inaccurate, accept_ill_conditioned)
+    cone_program = _build(model) if form == "innovations" else _build_history(model)
+    asked = _ASKED[solver] if tolerance is None else conic.Accuracy(tolerance, tolerance)
+    outcome = conic.solve(
+        cone_program.problem,
+        solver=solver,
+        asked=asked,
+        settings=_SETTINGS[solver],
+        enough=_ENOUGH if tolerance is None else None,
+        accept_inaccurate=accept_inaccurate,
+    )
+    if outcome.status in ("infeasible", "infeasible_inaccurate"):
+        raise InfeasibleProgram(f"{_explain(model)} ({outcome.sentence})")
+    if not outcome.accepted_by:
+        advice = {
+            "optimal_inaccurate": "; a looser tolerance or accept_inaccurate=True takes its solution",
+            "unbounded": "; limit the mean control by its weight or its trust region",
+        }.get(outcome.status, "")
+        raise RuntimeError(f"covariance steering program: {outcome.sentence}{advice}")
+    law = cone_program.law(outcome)
+    if law.largest_gain > _LARGEST_GAIN and not accept_ill_conditioned:
+        raise IllConditionedError(
+            f"the largest gain is {law.largest_gain:.2g}, more than {_LARGEST_GAIN:.0e}: the disturbances are almost "
+            f"exactly predictable from the states, though the condition number of Cov(W) is {law.condition:.2g}; add "
+            "independent noise to the disturbance covariance, or pass accept_ill_conditioned=True"
+        )
+    return law
 
 
 class _Model(NamedTuple):
@@ -245,15 +219,16 @@ class _Model(NamedTuple):
     causal: np.ndarray  # which entries of Y and T are unknown, (N m, r)
     inverse_factor: np.ndarray  # Y = inverse_factor @ (T - shift), in units of the control, (N m, N m)
     shift: np.ndarray  # (N m, r)
+    steps: list  # of the distinct deviations that are constrained or cost something
+    deviation: list  # which of these every half plane has, then every percentile
     data: dict  # arrays of the cone program
-    structure: dict  # what must not change while the cone program stays the same
 
 
 class _ConeProgram(NamedTuple):
-    """A problem of CVXPY, and a function from a model to the law that its solution is."""
+    """A problem of CVXPY, and a function that makes a law of its solution."""
 
     problem: object
-    law: object  # of a model and the solver's report
+    law: object  # of the solver's `Outcome`
 
 
 class _Effects(NamedTuple):
@@ -297,7 +272,7 @@ def _assemble(program, accept_ill_conditioned):
     if mean_factor.any():
         data |= {"mean_factor": mean_factor, "mean_offset": mean_offset}
     size = np.abs(np.diag(factor))
-    if complete := bool(size.min() > _LEAST_CURVATURE * size.max()):
+    if size.min() > _LEAST_CURVATURE * size.max():
         inverse_factor, shift = np.tril(np.linalg.inv(factor)), offset
     else:
         # Some control is nearly free: T = Y.
@@ -311,18 +286,20 @@ def _assemble(program, accept_ill_conditioned):
     data |= _final_conditions(program, effects, inverse_factor, shift, root.block < intervals)
     data |= _trust_regions(program, effects, unit)
     data |= _percentiles(program, effects, size[index[planes:]], unit, cost_unit)
-    structure = {
-        "intervals, states and controls": (intervals, n, m),
-        "innovations of each block": tuple(np.bincount(root.block, minlength=intervals + 1).tolist()),
-        "steps of deviations": tuple((kind, step) for kind, step, _ in rows),
-        "deviations of half planes and percentiles": tuple(index),
-        "number of half planes": planes,
-        "number of state trust regions": len(program.state_trust),
-        "completed squares": complete,
-        "kinds of costs and constraints": tuple(data),
-    }
     return _Model(
-        program, blocks, root, open_loop, mean, unit, cost_unit, causal, inverse_factor, shift, data, structure
+        program=program,
+        whole=blocks,
+        root=root,
+        open_loop=open_loop,
+        mean=mean,
+        control_unit=unit,
+        cost_unit=cost_unit,
+        causal=causal,
+        inverse_factor=inverse_factor,
+        shift=shift,
+        steps=[step for _, step, _ in rows],
+        deviation=index,
+        data=data,
     )
 
 
@@ -475,16 +452,16 @@ def _reference(program):
     return np.zeros(intervals * m) if program.control_reference is None else program.control_reference.ravel()
 
 
-def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
-    """The cone program in CVXPY; `data` holds arrays, or parameters of their shapes.
+def _build(model, relaxed=False):
+    """The cone program in CVXPY.
 
     Cones of different length are given to CVXPY in matrices, the shorter ones filled up with zeros: large matrices are
     translated fast, small ones solved fast. A relaxed program minimizes the sum of the violations of its constraints.
     """
     import cvxpy
 
-    causal, structure = model.causal, model.structure
-    intervals, n, m = structure["intervals, states and controls"]
+    causal, data = model.causal, model.data
+    intervals, n, m = model.program.system.control.shape
     mean_control, unknown, response = cvxpy.Variable(intervals * m), None, None
     constraints, violations, cost = [], [], 0.0
     if "mean_factor" in data:
@@ -493,11 +470,11 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
         unknown = cvxpy.Variable(np.count_nonzero(causal))
         scatter = _scatter(causal)
         response = cvxpy.reshape(scatter @ unknown, causal.shape, order="C")  # T
-        if structure["completed squares"]:
-            cost += cvxpy.sum_squares(unknown)
-        else:
+        if "cost_factor" in data:
             squares = scatter.T @ cvxpy.vec(data["cost_factor"] @ response, order="C") + data["cost_offset"]
             cost += cvxpy.sum_squares(squares)
+        else:
+            cost += cvxpy.sum_squares(unknown)
 
     def slack(*shape):
         """Violations of constraints, or none."""
@@ -506,12 +483,12 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
         violations.append(cvxpy.Variable(shape, nonneg=True))
         return violations[-1]
 
-    steps = [step for _, step in structure["steps of deviations"]]
-    if steps:
-        deviation = cvxpy.Variable(len(steps))
-        for first in range(0, len(steps), cones_together):
-            group = slice(first, min(first + cones_together, len(steps)))
-            last = steps[group.stop - 1]
+    count = len(model.steps)
+    if count:
+        deviation = cvxpy.Variable(count)
+        for first in range(0, count, _CONES_TOGETHER):
+            group = slice(first, min(first + _CONES_TOGETHER, count))
+            last = model.steps[group.stop - 1]
             visible, used = int(np.count_nonzero(model.root.block <= last)), min(last + 1, intervals) * m
             if visible == 0:
                 constraints.append(deviation[group] >= 0)
@@ -520,15 +497,15 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
             if response is not None:
                 response_root = response_root + data["deviation_weights"][group, :used] @ response[:used, :visible]
             constraints.append(cvxpy.SOC(deviation[group], response_root, axis=1))
-    index, planes = list(structure["deviations of half planes and percentiles"]), structure["number of half planes"]
+    planes = len(model.program.state_constraints) + len(model.program.control_constraints)
     if planes:
-        spread = cvxpy.multiply(data["plane_factor"], deviation[index[:planes]])
+        spread = cvxpy.multiply(data["plane_factor"], deviation[model.deviation[:planes]])
         constraints.append(data["plane_rows"] @ mean_control + spread <= data["plane_margin"] + slack(planes))
     if "final_rows" in data:
         distance = data["final_rows"] @ mean_control - data["final_margin"]
         constraints.append(cvxpy.abs(distance) <= slack(n) if relaxed else distance == 0)
     if "final_weights" in data:
-        constraints += _final_covariance(model, data, response, slack())
+        constraints += _final_covariance(model, response, slack())
     if "trust_centre" in data:
         distance = mean_control - data["trust_centre"]
         radius = data["trust_radius"] + slack()
@@ -539,7 +516,7 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
         constraints += [distance <= radius, -distance <= radius]
     if "percentile_rows" in data:
         largest = cvxpy.Variable()
-        spread = cvxpy.multiply(data["percentile_factor"], deviation[index[planes:]])
+        spread = cvxpy.multiply(data["percentile_factor"], deviation[model.deviation[planes:]])
         constraints.append(data["percentile_rows"] @ mean_control + data["percentile_level"] + spread <= largest)
         cost += data["percentile_price"] * largest
     if relaxed:
@@ -549,18 +526,18 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=False):
             cvxpy.sum_squares(variable) for variable in (mean_control, unknown) if variable is not None
         )
 
-    def law(model, report):
+    def law(outcome):
         transformed = np.zeros(causal.shape)
         if unknown is not None:
             transformed[causal] = _solution(unknown)
         effect = model.inverse_factor @ (transformed - model.shift)
         response = np.where(causal, effect, 0.0) * model.control_unit
-        return _law_of_response(model, _solution(mean_control) * model.control_unit, response, report)
+        return _law_of_response(model, _solution(mean_control) * model.control_unit, response, outcome)
 
     return _ConeProgram(cvxpy.Problem(cvxpy.Minimize(cost), constraints), law)
 
 
-def _final_covariance(model, data, response, slack):
+def _final_covariance(model, response, slack):
     """F F' <= I (random field, Eq. 48) for F = P_f^-1/2 E_N (Z + B Y), innovation block by innovation block.
 
     The matrix [I F; F' I] has the shape of an arrow, so it is positive semidefinite if and only if there are M_b with
@@ -568,8 +545,8 @@ def _final_covariance(model, data, response, slack):
     """
     import cvxpy
 
-    intervals, n, _ = model.structure["intervals, states and controls"]
-    ends = np.cumsum(model.structure["innovations of each block"])[:intervals]
+    (intervals, n, _), data = model.program.system.control.shape, model.data
+    ends = np.cumsum(np.bincount(model.root.block, minlength=intervals + 1))[:intervals]
     remainder = data["final_remainder"] + slack * np.eye(n)
     final_root = (
         data["final_offsets"]
@@ -589,56 +566,29 @@ def _build_history(model):
     """The program in the unknown of the paper."""
     problem, mean_control, history, covariance = history_program(model.program, model.cost_unit)
 
-    def law(model, report):
+    def law(outcome):
         deviation = np.eye(len(covariance)) + model.whole.control @ history.value
         states = deviation @ covariance @ deviation.T
         controls = history.value @ covariance @ history.value.T
-        return _law(model, _solution(mean_control), history.value, states, controls, report)
+        return _law(model, _solution(mean_control), history.value, states, controls, outcome)
 
     return _ConeProgram(problem, law)
 
 
-def _solve(model, cone_program, solver, tolerance, accept_inaccurate, accept_ill_conditioned):
-    """Run the solver and turn its solution into a law."""
-    report = _run(cone_program.problem, solver, tolerance, accept_inaccurate)
-    progress = (
-        f"after {report['iterations']} iterations, with residuals {report['primal_residual']:.2g} (primal) and "
-        f"{report['dual_residual']:.2g} (dual)"
-    )
-    if report["status"] in ("infeasible", "infeasible_inaccurate"):
-        raise InfeasibleProgram(f"{_explain(model)} ({solver} ended with the status {report['status']!r} {progress})")
-    if report["status"] != "optimal" and not (accept_inaccurate and report["status"] == "optimal_inaccurate"):
-        advice = {
-            "optimal_inaccurate": "; a looser tolerance or accept_inaccurate=True takes its solution",
-            "unbounded": "; limit the mean control by its weight or its trust region",
-        }.get(report["status"], "")
-        raise RuntimeError(
-            f"covariance steering program: {solver} ended with the status {report['status']!r} {progress}{advice}"
-        )
-    law = cone_program.law(model, report)
-    if law.largest_gain > _LARGEST_GAIN and not accept_ill_conditioned:
-        raise IllConditionedError(
-            f"the largest gain is {law.largest_gain:.2g}, more than {_LARGEST_GAIN:.0e}: the disturbances are almost "
-            f"exactly predictable from the states, though the condition number of Cov(W) is {law.condition:.2g}; add "
-            "independent noise to the disturbance covariance, or pass accept_ill_conditioned=True"
-        )
-    return law
-
-
 def _explain(model):
     """The sentence that names the constraints that fail if all may be violated, by as little as possible in sum."""
-    elastic = _build(model, model.data, relaxed=True)
-    report = _run(elastic.problem, "CLARABEL", None)
+    elastic = _build(model, relaxed=True)
+    outcome = conic.solve(elastic.problem, asked=_ASKED["CLARABEL"], settings=_SETTINGS["CLARABEL"], enough=_ENOUGH)
     sentence = "the constraints cannot be met together"
-    if report["status"] != "optimal":
+    if not outcome.accepted_by:
         return sentence
-    failed = [margin for margin in margins(model.program, elastic.law(model, report)) if margin.excess > _VIOLATED]
+    failed = [margin for margin in margins(model.program, elastic.law(outcome)) if margin.excess > _VIOLATED]
     least = "the least reachable " if len(failed) == 1 else ""
     named = (f"{m.name}: {least}{m.quantity} is {m.value:.6g}, must be <= {m.limit:.6g}" for m in failed)
     return f"{sentence}; " + (", and ".join(named) or f"they fail by less than {_VIOLATED:g} of a limit")
 
 
-def _law_of_response(model, controls, response, report):
+def _law_of_response(model, controls, response, outcome):
     """The law of V and Y."""
     system, intervals = model.program.system, len(model.program.system.control)
     n = len(system.initial_mean)
@@ -648,10 +598,10 @@ def _law_of_response(model, controls, response, report):
         difference[(k + 1) * n : (k + 2) * n, k * n : (k + 1) * n] = -transition
     deviation = model.open_loop + model.whole.control @ response
     history = response @ model.root.whitening @ difference
-    return _law(model, controls, history, deviation @ deviation.T, response @ response.T, report)
+    return _law(model, controls, history, deviation @ deviation.T, response @ response.T, outcome)
 
 
-def _law(model, controls, history, state_covariance, control_covariance, report):
+def _law(model, controls, history, state_covariance, control_covariance, outcome):
     """The law of V and L with its statistics and costs, in the program's units."""
     program = model.program
     intervals, n, m = program.system.control.shape
@@ -685,76 +635,13 @@ def _law(model, controls, history, state_covariance, control_covariance, report)
         condition=model.root.condition,
         # Gains on a known initial state multiply zero and are arbitrary.
         largest_gain=float(np.abs(gain if program.system.initial_covariance.any() else gain[:, 1:]).max()),
-        **report,
+        **outcome._asdict(),
     )
-
-
-def _run(problem, solver, tolerance, accept_inaccurate=False):
-    """Solve, and return what the solver says about its solution."""
-    import warnings
-
-    import cvxpy
-
-    for options in _options(solver, tolerance):
-        # Not problem.solve, which hides gap and residuals.
-        data, chain, inverse = problem.get_problem_data(solver, solver_opts=options)
-        solution = chain.solve_via_data(problem, data, warm_start=False, verbose=False, solver_opts=options)
-        try:
-            with warnings.catch_warnings():
-                # The status says it.
-                warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-                problem.unpack_results(solution, chain, inverse)
-            status = problem.status
-        except cvxpy.error.SolverError:
-            status = "solver_error"
-        if solver == "CLARABEL":
-            figures = solution.obj_val, solution.obj_val_dual, solution.r_prim, solution.r_dual, solution.iterations
-        else:
-            info = solution["info"]
-            figures = info["pobj"], info["dobj"], info["res_pri"], info["res_dual"], info["iter"]
-        primal, dual, primal_residual, dual_residual, iterations = figures
-        gap = abs(primal - dual) / max(1.0, min(abs(primal), abs(dual)))
-        if tolerance is None and gap <= _LEAST_GAP and max(primal_residual, dual_residual) <= _LEAST_RESIDUAL:
-            status = {"optimal_inaccurate": "optimal"}.get(status, status)
-        if status in ("optimal", "infeasible") or (accept_inaccurate and status == "optimal_inaccurate"):
-            break
-    return {
-        "status": status,
-        "iterations": int(iterations),
-        "solver": solver,
-        "duality_gap": float(gap),
-        "primal_residual": float(primal_residual),
-        "dual_residual": float(dual_residual),
-    }
 
 
 def _solution(variable):
     """Value of a variable, zero if nothing depends on it."""
     return np.zeros(variable.shape) if variable.value is None else variable.value
-
-
-def _options(solver, tolerance):
-    """Settings of the solver, for every attempt.
-
-    Clarabel's own scaling costs iterations where ours is good. Near the optimum its large cones can lose accuracy as
-    steps come too close to their boundary, so a second attempt keeps more distance.
-    """
-    if solver == "SCS":
-        bound = 1e-9 if tolerance is None else tolerance
-        return [{"eps_abs": bound, "eps_rel": bound, "max_iters": 200_000}]
-    gap, residual = (1e-9, 1e-8) if tolerance is None else (tolerance, tolerance)
-    shared = {"direct_solve_method": "qdldl", "tol_gap_abs": gap, "tol_gap_rel": gap, "tol_feas": residual}
-    attempts = (False, 0.95), (False, 0.8), (True, 0.9)
-    return [
-        {**shared, "equilibrate_enable": own_scaling, "max_step_fraction": fraction}
-        for own_scaling, fraction in attempts
-    ]
-
-
-def _check_solver(solver):
-    """ValueError unless the solver is one of ours."""
-    if solver not in _SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, not {solver!r}")
 
 
 def _roots(weights):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
+from marsedl.methods.conic import optimum
 from marsedl.summaries import summary
 
 __all__ = ["HeldCovariance", "HeldMean", "covariance_certificate", "mean_certificate"]
@@ -118,7 +118,7 @@ def covariance_certificate(problem, intervals):
         constraints.append(model[k] @ moments[k] @ model[k].T + noise[k] / both == after)
     cost = sum(step[k] * cvxpy.trace(moments[k][n:, n:]) for k in range(intervals))
     program = cvxpy.Problem(cvxpy.Minimize(cost), constraints)
-    iterations = solve_to_optimum(program, f"covariance program with {intervals} intervals")
+    iterations = optimum(program, f"covariance program with {intervals} intervals").iterations
 
     value = np.array([moment.value for moment in moments])
     covariance, cross, effort = value[:, :n, :n], value[:, n:, :n], value[:, n:, n:]

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.methods.checks import require_at_least
 from marsedl.summaries import summary
 
 __all__ = ["Run", "Step", "classify", "successive_convexification"]
@@ -50,8 +51,7 @@ def successive_convexification(step: Callable[[np.ndarray], Step], guess, *, ite
         ValueError: if iterations < 1, or the number of monitored quantities changes or is not that of the tolerances.
         Whatever `step` raises.
     """
-    if iterations < 1:
-        raise ValueError(f"iterations must be at least 1, not {iterations}")
+    require_at_least("iterations", iterations, 1)
     tolerances = np.atleast_1d(np.asarray(tolerances, dtype=float))
     controls, monitored, results = [np.asarray(guess, dtype=float)], [], []
     for number in range(iterations):

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
+from marsedl.methods.checks import require_array, require_positive, require_shape
+from marsedl.methods.conic import optimum
 from marsedl.methods.lincov import propagate
 from marsedl.methods.linear_system import LinearSystem
 from marsedl.summaries import summary
@@ -312,8 +313,8 @@ def solve_cone_program(problem, reference):
     constraints += [direction @ covariance @ direction <= 1 for direction in directions]
     program = cvxpy.Problem(cvxpy.Minimize(objective @ covariance @ objective + sum(effort)), constraints)
     what = f"semidefinite program of {len(limits)} intervals"
-    iterations = solve_to_optimum(program, what, accept=(cvxpy.OPTIMAL, cvxpy.OPTIMAL_INACCURATE))
-    return ConeProgram(float(program.value * unit), program.status, iterations)
+    outcome = optimum(program, what, accept_inaccurate=True)
+    return ConeProgram(float(program.value * unit), outcome.status, outcome.iterations)
 
 
 def bryson_weights(problem):
@@ -568,11 +569,8 @@ def _weights(system, final_weight, control_weight):
     final_weight = np.ascontiguousarray(final_weight, dtype=float)
     control_weight = np.ascontiguousarray(control_weight, dtype=float)
     intervals, n, _ = system.control.shape
-    if final_weight.shape != (n, n) or control_weight.shape != (intervals,):
-        raise ValueError(
-            f"final_weight and control_weight must have shapes {(n, n)} and {(intervals,)} to fit the system, "
-            f"not {final_weight.shape} and {control_weight.shape}"
-        )
+    require_shape("final_weight", final_weight, (n, n), " to fit the system")
+    require_shape("control_weight", control_weight, (intervals,), " to fit the system")
     return final_weight, control_weight
 
 
@@ -580,8 +578,7 @@ def _checked(problem):
     """The problem with arrays of floats, after a look at every field."""
     system = LinearSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
     problem_fields = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
-    if system.control.ndim != 3 or system.control.shape[2] != 1:
-        raise ValueError(f"system.control must have shape (N, n, 1), one control, not {system.control.shape}")
+    require_shape("system.control", system.control, ("N", "n", 1))
     (intervals, n, _), m = system.control.shape, problem_fields["final_limits"].size
     shapes = {
         "system.transition": (intervals, n, n),
@@ -597,13 +594,9 @@ def _checked(problem):
     }
     arrays = {f"system.{name}": field for name, field in system._asdict().items()} | problem_fields
     for name, shape in shapes.items():
-        if arrays[name].shape != shape:
-            raise ValueError(f"{name} must have shape {shape} to fit system.control, not {arrays[name].shape}")
-        if not np.isfinite(arrays[name]).all():
-            raise ValueError(f"{name} must be finite")
+        require_array(name, arrays[name], shape, " to fit system.control")
     for name in ("control_weight", "final_limits", "control_limits", "state_scale"):
-        if not (problem_fields[name] > 0).all():
-            raise ValueError(f"{name} must be positive; entry {np.argmin(problem_fields[name] > 0)} is not")
+        require_positive(name, problem_fields[name])
     problem = ChanceConstrainedProblem(system, **problem_fields)
     if not _open_loop_cost(problem, np.outer(problem.objective, problem.objective)) > 0:
         raise ValueError("objective: its final variance is zero without any control, so there is nothing to minimize")

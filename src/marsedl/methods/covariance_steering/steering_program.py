@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods.checks import require_array
 from marsedl.methods.linear_system import Covariances
+from marsedl.models.correlations import correlations
 from marsedl.summaries import summary
 
 __all__ = [
@@ -29,9 +31,6 @@ __all__ = [
     "stacked",
     "upper_quantile",
 ]
-
-# Most negative eigenvalue of a covariance or weight that still counts as rounding, relative to the largest one.
-_ROUNDING = 1e-9
 
 
 class BlockSystem(NamedTuple):
@@ -184,7 +183,7 @@ class SteeringProgram:
             "disturbance_covariance": (intervals * n, intervals * n),
         }
         for name, shape in shapes.items():
-            _check_array(f"system.{name}", getattr(system, name), shape)
+            require_array(f"system.{name}", getattr(system, name), shape)
         object.__setattr__(self, "system", system)
         stacked_shapes = {
             "state_weight": (intervals, n, n),
@@ -200,17 +199,15 @@ class SteeringProgram:
             if value is None and name in ("desired_state", "final_mean", "final_covariance", "control_reference"):
                 continue
             value = np.asarray(value, dtype=float)
-            _check_array(name, value, shape)
+            require_array(name, value, shape)
             object.__setattr__(self, name, value)
         for name in ("initial_covariance", "disturbance_covariance"):
-            _check_semidefinite(f"system.{name}", getattr(system, name))
+            correlations(f"system.{name}", getattr(system, name))
         for name in ("state_weight", "control_weight", "mean_control_weight"):
             for k, weight in enumerate(getattr(self, name)):
-                _check_semidefinite(f"{name}[{k}]", weight)
+                correlations(f"{name}[{k}]", weight)
         if self.final_covariance is not None:
-            _check_semidefinite("final_covariance", self.final_covariance)
-            if not np.linalg.eigvalsh(self.final_covariance)[0] > 0:
-                raise ValueError("final_covariance must be positive definite: Eq. 48 divides by its root")
+            correlations("final_covariance", self.final_covariance, definite=True)  # Eq. 48 divides by its root
         _set_number(self, "steering program", "percentile_weight")
         if self.percentile_weight < 0:
             raise ValueError(f"percentile_weight must not be negative, but is {self.percentile_weight}")
@@ -231,7 +228,7 @@ class SteeringProgram:
             for i, item in enumerate(items):
                 if not isinstance(item, kind):
                     raise ValueError(f"{name}[{i}] must be a {kind.__name__}, not {type(item).__name__}")
-                _check_array(f"{name}[{i}].{field}", getattr(item, field), (size,))
+                require_array(f"{name}[{i}].{field}", getattr(item, field), (size,))
                 if last is not None and not 0 <= item.step <= last:
                     raise ValueError(f"{name}[{i}].step is {item.step}, but must lie in 0 ... {last}")
 
@@ -247,7 +244,10 @@ class SteeringLaw(NamedTuple):
     objective: float  # quadratic_cost + percentile_weight * percentile
     quadratic_cost: float  # J_1 with its constants
     percentile: float  # J_2, largest of the percentiles with their offsets; nan without any
-    status: str  # of the solver
+    status: str  # of CVXPY: "optimal", or "optimal_inaccurate" where the solver did not reach what it was asked for
+    said: str  # the solver's own word for it
+    accepted_by: str  # why the solution counts: see `conic.Outcome`
+    attempt: int  # number of the solver's settings that gave it, from 1
     iterations: int  # of the solver
     solver: str
     duality_gap: float  # of the scaled cone program, relative, as the solver reports it
@@ -337,12 +337,12 @@ def closed_loop(system, gain, disturbance_covariance=None):
     """
     intervals, n, m = np.shape(system.control)
     gain = np.asarray(gain, dtype=float)
-    _check_array("gain", gain, (intervals, intervals + 1, m, n))
+    require_array("gain", gain, (intervals, intervals + 1, m, n))
     if any(gain[k, k + 1 :].any() for k in range(intervals)):
         raise ValueError("gain is not causal: K[k, l] must be zero for l > k")
     covariance = system.disturbance_covariance if disturbance_covariance is None else disturbance_covariance
     covariance = np.asarray(covariance, dtype=float)
-    _check_array("disturbance_covariance", covariance, (intervals * n, intervals * n))
+    require_array("disturbance_covariance", covariance, (intervals * n, intervals * n))
 
     blocks = stacked(system)
     feedback = gain.transpose(0, 2, 1, 3).reshape(intervals * m, -1)
@@ -421,24 +421,6 @@ def diagonal_blocks(matrix, size):
     count = len(matrix) // size
     blocks = matrix.reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
     return (blocks + blocks.swapaxes(1, 2)) / 2
-
-
-def _check_array(name, value, shape):
-    """ValueError unless the array has this shape and finite entries."""
-    if value.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, not {value.shape}")
-    if not np.isfinite(value).all():
-        raise ValueError(f"{name} has entries that are not finite")
-
-
-def _check_semidefinite(name, matrix):
-    """ValueError unless the matrix is symmetric positive semidefinite up to rounding."""
-    size = np.abs(matrix).max()
-    if not np.abs(matrix - matrix.T).max() <= _ROUNDING * size:
-        raise ValueError(f"{name} must be symmetric")
-    smallest = np.linalg.eigvalsh(matrix)[0]
-    if smallest < -_ROUNDING * size:
-        raise ValueError(f"{name} must be positive semidefinite, but has the eigenvalue {smallest:.3g}")
 
 
 def _check_probability(item, label):

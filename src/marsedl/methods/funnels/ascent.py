@@ -6,6 +6,8 @@ bound from above is, and it shows where one fails. It never proves a bound.
 
 import numpy as np
 
+from marsedl.methods.checks import require_values
+
 __all__ = ["maximize"]
 
 _FRACTIONS = 2.0 ** -np.arange(10)  # of the Newton step, tried all at once
@@ -43,10 +45,7 @@ def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=1
         raise ValueError(f"expected 1 <= polished <= starts and iterations >= 0: {polished}, {starts}, {iterations}")
     points = _random_points(blocks, balls, starts, np.random.Generator(np.random.Philox(seed)))
     values = np.asarray(function(points), dtype=float)
-    if values.shape != (starts,):
-        raise ValueError(f"the function returns {values.shape} for {starts} points, not ({starts},)")
-    if not np.isfinite(values).all():
-        raise ValueError(f"the function is not finite at {np.count_nonzero(~np.isfinite(values))} of the random starts")
+    require_values("the function", values, starts)
     best = np.argsort(-values, kind="stable")[:polished]
     points, values = points[best], values[best]
     for _ in range(iterations):

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from marsedl.methods.checks import require_positive
 from marsedl.methods.funnels.stage import cholesky_factor
 
 __all__ = [
@@ -127,8 +128,7 @@ def minkowski_shape(transitions, responses, initial_set, scales):
         ValueError: if $M_1$ is not positive definite, or a scale is not positive.
     """
     scales = np.asarray(scales, dtype=float)
-    if not (scales > 0).all():
-        raise ValueError(f"scales must be positive; entry {np.argmin(scales > 0)} is {scales[np.argmin(scales > 0)]}")
+    require_positive("scales", scales)
     ellipsoids = [2 * _inverse(initial_set, "the matrix of the initial set")]
     for across, response in zip(transitions, responses, strict=True):
         propagated, pushed = across @ ellipsoids[-1] @ across.T, response @ response.T

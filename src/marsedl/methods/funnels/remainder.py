@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from marsedl.methods.funnels.recursion import FunnelError
+from marsedl.methods.funnels.stage import cholesky_factor
 from marsedl.methods.sos.sampled_program import absorb_residual, rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor_model import Monomials, TaylorModel, variables
@@ -325,11 +326,7 @@ def _factor(shape, rho):
     """Lower Cholesky factor, with checks."""
     if not rho > 0.0:
         raise ValueError(f"the level of an ellipsoid must be positive, not {rho}")
-    try:
-        return np.linalg.cholesky(shape)
-    except np.linalg.LinAlgError:
-        least = np.linalg.eigvalsh(shape)[0]
-        raise ValueError(f"the shape of a slice is not positive definite: least eigenvalue {least:g}") from None
+    return cholesky_factor(shape, "the shape of a slice")
 
 
 def _combinations(matrix, components):

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from marsedl.methods.checks import require_at_least, require_one_of, require_positive, require_shape
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.taylor import Series
 from marsedl.summaries import summary
@@ -65,24 +66,21 @@ class FunnelStage:
     __repr__ = summary
 
     def __post_init__(self):  # noqa: D105
-        if self.condition not in _CONDITIONS:
-            raise ValueError(f"condition must be one of {', '.join(_CONDITIONS)}, not {self.condition!r}")
+        require_one_of("condition", self.condition, _CONDITIONS)
         if not 0 <= self.first < self.last <= self.loop.steps:
             raise ValueError(
                 f"a stage from fine step {self.first} to {self.last} does not fit into the {self.loop.steps} fine "
                 "steps of the loop"
             )
-        if self.order < 1:
-            raise ValueError(f"order must be 1 or more, not {self.order}")
+        require_at_least("order", self.order, 1)
         if not (np.isfinite(self.rho) and self.rho > 0):
             raise ValueError(f"rho must be positive and finite, not {self.rho}")
         states = self.loop.dimension
         for name, size in (("shape", (states, states)), ("next_shape", (states, states)), ("raw_scale", (states,))):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != size:
-                raise ValueError(f"{name} must have shape {size}, not {np.shape(value)}")
-        if self.raw_scale is not None and not (np.asarray(self.raw_scale) > 0).all():
-            raise ValueError("raw_scale must be positive units")
+            if getattr(self, name) is not None:
+                require_shape(name, getattr(self, name), size)
+        if self.raw_scale is not None:
+            require_positive("raw_scale", self.raw_scale)
         # Both factors at once: an indefinite shape is refused here, not at the first value.
         _ = self.spread, self.next_factor
 
@@ -149,11 +147,8 @@ class FunnelStage:
         """Deviations (nx, m) and disturbances (nw, m) of points."""
         points = np.asarray(points, dtype=float)
         states = self.loop.dimension
-        if points.ndim != 2 or points.shape[1] != states + self.loop.disturbances:
-            raise ValueError(
-                f"points of {states} states and {self.loop.disturbances} disturbances have shape "
-                f"(m, {states + self.loop.disturbances}), not {points.shape}"
-            )
+        why = f" of {states} states and {self.loop.disturbances} disturbances"
+        require_shape("points", points, ("m", states + self.loop.disturbances), why)
         return self.spread @ points[:, :states].T, points[:, states:].T
 
     def _coefficients(self, components, shape):

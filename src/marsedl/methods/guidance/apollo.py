@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods.checks import require_shape
 from marsedl.summaries import summary
 
 __all__ = ["AdjointGains", "adjoint_gains", "density_slaved_matrix", "drag_form"]
@@ -87,8 +88,7 @@ def drag_form(gain, density, drag, scale_height, velocity, flight_path_angle):
         ValueError: if the gain does not have five columns.
     """
     gain = np.asarray(gain, dtype=float)
-    if gain.ndim != 2 or gain.shape[1] != 5:
-        raise ValueError(f"gain must have shape (N, 5), one column per longitudinal state, not {gain.shape}")
+    require_shape("gain", gain, ("N", 5), ", one column per longitudinal state")
     by_radius, _, by_path_angle, by_downrange, by_density = gain.T
     return np.column_stack(
         [
@@ -118,8 +118,7 @@ def density_slaved_matrix(state_matrix, inverse_scale_height, density):
         ValueError: if the shape of the matrix is another one.
     """
     state_matrix = np.asarray(state_matrix, dtype=float)
-    if state_matrix.ndim != 3 or state_matrix.shape[1:] != (5, 5):
-        raise ValueError(f"state_matrix must have shape (k, 5, 5), not {state_matrix.shape}")
+    require_shape("state_matrix", state_matrix, ("k", 5, 5))
     slaved = state_matrix[:, :4, :4].copy()
     density_slope = -np.asarray(density) * inverse_scale_height
     slaved[:, :, 0] += state_matrix[:, :4, 4] * density_slope[:, np.newaxis]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from marsedl.methods.checks import require_shape
 from marsedl.methods.linearization import linearize
 from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
 
@@ -73,8 +74,7 @@ def linear_model(
         ValueError: if shapes do not fit, or a derivative is not finite at some point.
     """
     states = np.asarray(states, dtype=float)
-    if states.ndim != 2 or states.shape[1] != 5:
-        raise ValueError(f"states must have shape (k, 5), one column per longitudinal state, not {states.shape}")
+    require_shape("states", states, ("k", 5), ", one column per longitudinal state")
     along = {
         "bank_cosine": bank_cosine,
         "mean_density": mean_density,
@@ -82,8 +82,7 @@ def linear_model(
         "inverse_scale_height_slope": inverse_scale_height_slope,
     }
     for name, values in along.items():
-        if np.shape(values) != (len(states),):
-            raise ValueError(f"{name} must have shape ({len(states)},) as there are states, not {np.shape(values)}")
+        require_shape(name, values, (len(states),), " as there are states")
     cosine, mean, inverse, inverse_slope = (np.asarray(values, dtype=float) for values in along.values())
     model = linearize(
         _rates_with_profile(drag_factor, lift_factor, gravitational_parameter),

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from marsedl.methods.checks import require_array, require_one_of
+from marsedl.methods.conic import SOLVERS, Accuracy, solve
 from marsedl.methods.sos.sampled_program import Certificate, certify
 
-__all__ = ["SOLVERS", "ConicProgram", "check_solver", "nearest_semidefinite", "run_solver"]
+__all__ = ["ConicProgram", "nearest_semidefinite", "run_solver"]
 
-SOLVERS = ("CLARABEL", "SCS")
 _MOST_ITERATIONS = 20_000  # of SCS
 
 
@@ -30,10 +31,9 @@ class ConicProgram:
     def __init__(self, basis, solver="CLARABEL", tolerance=1e-7):  # noqa: D107
         import cvxpy
 
-        check_solver(solver)
+        require_one_of("solver", solver, SOLVERS)
         self.basis = np.asarray(basis, dtype=float)
-        if self.basis.ndim != 2 or not np.isfinite(self.basis).all():
-            raise ValueError(f"the basis must be a finite matrix (M, p), its shape is {self.basis.shape}")
+        require_array("basis", self.basis, ("M", "p"))
         self.solver, self.tolerance = solver, tolerance
         samples, size = self.basis.shape
         products = np.einsum("mi,mj->mij", self.basis, self.basis).reshape(samples, -1)
@@ -58,8 +58,7 @@ class ConicProgram:
         """
         samples, size = self.basis.shape
         values = np.asarray(values, dtype=float)
-        if values.shape != (samples,) or not np.isfinite(values).all():
-            raise ValueError(f"expected {samples} finite values at the samples, not an array {values.shape}")
+        require_array("values", values, (samples,))
         shift, scale = values.mean(), np.ptp(values) or 1.0
         self._values.value = (values - shift) / scale
         status, iterations = run_solver(self._problem, self.solver, self.tolerance)
@@ -90,32 +89,12 @@ def run_solver(problem, solver, tolerance):
     Returns:
         (status, iterations): "optimal", or a sentence with what the solver says.
     """
-    import warnings
-
-    import cvxpy
-
-    if solver == "CLARABEL":
-        options = {"direct_solve_method": "qdldl", "tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
-        options["tol_feas"] = tolerance
-    else:
-        options = {"eps_abs": tolerance, "eps_rel": tolerance, "max_iters": _MOST_ITERATIONS}
-    for variable in problem.variables():
-        variable.value = None  # a failure must not leave the last solution
-    with warnings.catch_warnings():
-        # The status says it.
-        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-        try:
-            problem.solve(solver=solver, warm_start=False, **options)
-        except cvxpy.error.SolverError as error:
-            return f"{solver} failed: {error}", 0
-    status = problem.status if problem.status == "optimal" else f"{solver} says {problem.status.replace('_', ' ')}"
-    return status, int(problem.solver_stats.num_iters or 0)
-
-
-def check_solver(solver):
-    """ValueError unless the solver is one of ours."""
-    if solver not in SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, not {solver!r}")
+    settings = ({"max_iters": _MOST_ITERATIONS} if solver == "SCS" else {},)
+    outcome = solve(problem, solver=solver, asked=Accuracy(tolerance, tolerance), settings=settings)
+    if outcome.status == "solver_error":
+        return f"{solver} failed: {outcome.said}", outcome.iterations
+    status = outcome.status if outcome.accepted_by else f"{solver} says {outcome.status.replace('_', ' ')}"
+    return status, outcome.iterations
 
 
 def nearest_semidefinite(matrix):

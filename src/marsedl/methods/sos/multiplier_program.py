@@ -19,7 +19,9 @@ from math import factorial, fsum
 
 import numpy as np
 
-from marsedl.methods.sos.conic_program import check_solver, nearest_semidefinite, run_solver
+from marsedl.methods.checks import require_array, require_at_least, require_one_of, require_values
+from marsedl.methods.conic import SOLVERS
+from marsedl.methods.sos.conic_program import nearest_semidefinite, run_solver
 from marsedl.methods.sos.variety import Spheres
 from marsedl.summaries import summary
 
@@ -62,9 +64,8 @@ class MultiplierProgram:
         import cvxpy
         from scipy.sparse import hstack
 
-        check_solver(solver)
-        if degree < 1:
-            raise ValueError(f"the degree of the monomials must be 1 or more, not {degree}")
+        require_one_of("solver", solver, SOLVERS)
+        require_at_least("degree", degree, 1)
         self.spheres, self.degree = Spheres(dimensions), degree
         further_spheres = len(self.spheres.dimensions) - 1
         self.full_ball = tuple(
@@ -110,11 +111,7 @@ class MultiplierProgram:
             ValueError: for coefficients of another number, or not finite.
         """
         coefficients = np.asarray(coefficients, dtype=float)
-        if coefficients.shape != (len(self.exponents),) or not np.isfinite(coefficients).all():
-            raise ValueError(
-                f"expected {len(self.exponents)} finite coefficients, got an array {coefficients.shape} "
-                f"with {np.count_nonzero(~np.isfinite(coefficients))} that are not finite"
-            )
+        require_array("coefficients", coefficients, (len(self.exponents),))
         shift, scale = coefficients[0], np.abs(coefficients[1:]).max() or 1.0
         self._coefficients.value = np.concatenate([[0.0], coefficients[1:] / scale])
         status, iterations = run_solver(self._problem, self.solver, self.tolerance)
@@ -222,8 +219,7 @@ def polynomial_coefficients(function, variables, degree, seed, points=1500, spre
     """
     locations, orthonormal, triangle = _fit_points(variables, degree, seed, points, spread)
     values = np.asarray(function(locations), dtype=float)
-    if values.shape != (points,) or not np.isfinite(values).all():
-        raise ValueError(f"the function must return {points} finite values, one for each point")
+    require_values("the function", values, points)
     projection = orthonormal.T @ values
     return np.linalg.solve(triangle, projection), float(np.abs(values - orthonormal @ projection).max())
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack, qr, solve_triangular
 from scipy.linalg.blas import dsyrk
 
+from marsedl.methods.checks import require_array
 from marsedl.summaries import summary
 
 __all__ = ["Certificate", "absorb_residual", "certify", "rank_one"]
@@ -318,12 +319,8 @@ def _orthonormalised(basis):
 
 def _checked(values, basis):
     values, basis = np.asarray(values, dtype=float), np.asarray(basis, dtype=float)
-    if values.ndim != 1 or basis.ndim != 2 or len(values) != len(basis) or len(basis) < basis.shape[1]:
-        raise ValueError(
-            f"values (M,) and basis (M, p) with p <= M expected, got shapes {values.shape} and {basis.shape}"
-        )
-    if not np.isfinite(basis).all():
-        raise ValueError("the basis is not finite at the samples")
-    if not np.isfinite(values).all():
-        raise ValueError(f"the value at sample {np.flatnonzero(~np.isfinite(values))[0]} is not finite")
+    require_array("values", values, ("M",))
+    require_array("basis", basis, (len(values), "p"))
+    if len(basis) < basis.shape[1]:
+        raise ValueError(f"a basis of {basis.shape[1]} polynomials needs as many samples, not {len(basis)}")
     return values, basis

@@ -12,6 +12,8 @@ from math import comb
 
 import numpy as np
 
+from marsedl.methods.checks import require_shape
+
 __all__ = ["Spheres"]
 
 
@@ -148,6 +150,5 @@ class Spheres:
 
     def _rows(self, points):
         points = np.asarray(points, dtype=float)
-        if points.ndim != 2 or points.shape[1] != self.variables:
-            raise ValueError(f"points must be rows of {self.variables} coordinates, got shape {points.shape}")
+        require_shape("points", points, ("m", self.variables))
         return points

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marsedl.methods.checks import require_at_least, require_values
+
 __all__ = ["Verification", "verify"]
 
 
@@ -45,12 +47,10 @@ def verify(design, certificate, polynomial, seed, points=4000, tolerance=1e-6):
     Raises:
         ValueError: if there are no points, or the polynomial is not finite at one.
     """
-    if points < 1:
-        raise ValueError(f"at least one point is needed to verify, not {points}")
+    require_at_least("points", points, 1)
     fresh = design.spheres.random_points(points, np.random.Generator(np.random.Philox(seed)))
     values = np.asarray(polynomial(fresh), dtype=float)
-    if values.shape != (points,) or not np.isfinite(values).all():
-        raise ValueError(f"the polynomial must return {points} finite values, one for each point")
+    require_values("the polynomial", values, points)
     if not (np.isfinite(certificate.bound) and np.isfinite(certificate.gram).all()):
         return Verification(np.inf, -np.inf, -np.inf, 0.0, False)
     basis, excess = design.evaluate(fresh), certificate.bound - values

@@ -83,9 +83,13 @@ class Tradeoff:
     fold_weight: np.ndarray = quantity("deg^2/s^3", ("folds", BEYOND), "last weight on a branch, first beyond it")
     fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", BEYOND), "control energy there")
     fold_error: np.ndarray = quantity("m", ("folds", BEYOND), "norm of the final position error there")
+    fold_barrier: np.ndarray = quantity(
+        "1", ("folds",), "initial barrier of the solver that went beyond; NaN: its own choice", allow_nan=True
+    )
     printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
     missing_weight: np.ndarray = quantity("1", ("missing",), "the paper's c1 without a row")
     missing_effort: np.ndarray = quantity("deg^2/s^3", ("missing",), "control energy that was looked for")
+    missing_reason: np.ndarray = quantity("1", ("missing",), "why there is none", "str")
     weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity", label="weight $c$")
     time: np.ndarray = quantity("s", ("rows", "node"), "nodes", label="time from entry")
     state: np.ndarray = quantity(STATE.unit, ("rows", "node", STATE), "states as in the nominal")

@@ -4,7 +4,6 @@ The weight on the sensitivity is raised step by step from the nominal. Where the
 finds the next one, and the path goes on there. The rows of Table 3 are points of this path.
 """
 
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +36,14 @@ class Fold(NamedTuple):
 
     before: Solution
     beyond: Solution
+    barrier: float  # initial one of the solver that found it; NaN: the solver's own choice
+
+
+class Missing(NamedTuple):
+    """Why a printed weight has no row."""
+
+    effort: float  # control energy that was looked for, deg^2/s^3
+    reason: str
 
 
 def columns_in_norm(design: Design):
@@ -70,12 +77,13 @@ def compute(given: Inputs, nominal: Nominal) -> Tradeoff:
     if design.weight_rule == "proportional":
         weights |= set(design.weight_factor * design.printed_weights)
     points, folds = follow(solver, design, transcribed, first, sorted(weights))
+    between, missing = chosen(solver, design, transcribed, points)
     rows = [
         (0.0, points[0]),
-        *chosen(solver, design, transcribed, points).items(),
+        *between.items(),
         *((np.nan, at_weight(points, c)) for c in design.infinite_weights),
     ]
-    return described(given, extended, points, folds, rows)
+    return described(given, extended, points, folds, rows, missing)
 
 
 def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
@@ -106,17 +114,17 @@ def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple
                     accept=ACCEPTED,
                 )
             except BranchEndError as end:
-                beyond = end.beyond or solution_beyond(solver, transcribed, end)
-                folds.append(Fold(end.solution, beyond))
-                keep(beyond)
+                fold = Fold(end.solution, end.beyond, WARM) if end.beyond else beyond_branch(solver, transcribed, end)
+                folds.append(fold)
+                keep(fold.beyond)
     return points, folds
 
 
-def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solution:
-    """A solution beyond the end of a branch, where careful steps find none: with ever larger barriers."""
+def beyond_branch(solver: Solver, transcribed, end: BranchEndError) -> Fold:
+    """The fold at the end of a branch beyond which careful steps find nothing: by ever larger barriers."""
     for barrier in (1e-2, 1.0, None):
         try:
-            return entry_problem.solve(
+            beyond = entry_problem.solve(
                 solver,
                 "beyond a branch",
                 transcribed,
@@ -127,6 +135,8 @@ def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solutio
             )
         except SolverError as error:
             failed = error
+        else:
+            return Fold(end.solution, beyond, np.nan if barrier is None else barrier)
     raise SolverError(
         f"the continuation in the weight stops at {end.reached:.6g}, and {end.target:.6g} {failed}; give a weight_path "
         "with smaller steps there",
@@ -142,16 +152,20 @@ def row_efforts(design: Design, least):
     return efforts
 
 
-def chosen(solver: Solver, design: Design, transcribed, points) -> dict[float, Point]:
-    """The rows of the printed weights between zero and infinity, by these; one that no solution gives is left out."""
+def chosen(solver: Solver, design: Design, transcribed, points) -> tuple[dict[float, Point], dict[float, Missing]]:
+    """The rows of the printed weights between zero and infinity, by these, and why the others have none."""
     if design.weight_rule == "proportional":
-        return {c1: at_weight(points, design.weight_factor * c1) for c1 in design.printed_weights}
-    least, rows = effort(points[0].solution), {}
+        return {c1: at_weight(points, design.weight_factor * c1) for c1 in design.printed_weights}, {}
+    least, rows, missing = effort(points[0].solution), {}, {}
     for c1, target in zip(design.printed_weights, row_efforts(design, least), strict=True):
-        if target >= least:  # beyond the fold another branch may have less
-            with suppress(MarsedlError):  # the row is missing, and its claims say so
-                rows[c1] = at_effort(solver, transcribed, points, target)
-    return rows
+        if target < least:  # beyond the fold another branch may have it
+            missing[c1] = Missing(target, f"the control energy {target:g} deg^2/s^3 lies below the least, {least:.4f}")
+            continue
+        try:
+            rows[c1] = at_effort(solver, transcribed, points, target)
+        except MarsedlError as error:
+            missing[c1] = Missing(target, str(error))
+    return rows, missing
 
 
 def at_weight(points, weight) -> Point:
@@ -209,7 +223,7 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
     return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
-def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
+def described(given: Inputs, extended, points, folds, rows, missing) -> Tradeoff:
     """Path, folds and rows, each with its printed weight, as an artifact."""
     path = [point.solution for point in points]
     printed_weights, solutions = [c1 for c1, _ in rows], [row.solution for _, row in rows]
@@ -225,7 +239,7 @@ def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
-    size, missing = len(STATES), ~np.isin(given.design.printed_weights, printed_weights)
+    size = len(STATES)
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
@@ -236,9 +250,11 @@ def described(given: Inputs, extended, points, folds, rows) -> Tradeoff:
         fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
+        fold_barrier=np.array([fold.barrier for fold in folds]),
         printed_weight=np.array(printed_weights),
-        missing_weight=np.array(given.design.printed_weights)[missing],
-        missing_effort=row_efforts(given.design, effort(path[0]))[missing] if missing.any() else np.array([]),
+        missing_weight=np.array(list(missing)),
+        missing_effort=np.array([one.effort for one in missing.values()]),
+        missing_reason=np.array([one.reason for one in missing.values()], dtype=str),
         weight=np.array([s.given["weight"] for s in solutions]),
         time=np.array([s.time for s in solutions]),
         state=np.array([s.states[:, :size] for s in solutions]),

@@ -12,7 +12,7 @@ PAPER = Paper(
     # What gains of 1e18 and more make of the claims, and how nearly two solutions of one program agree.
     noise=("claims/*/literal_gains", "corrected/certificates/*_gain_difference"),
     solves=(
-        Solve("double_integrator", "status", "solver_iterations"),
-        Solve("gains", "status", "solver_iterations"),
+        Solve("double_integrator", "status", "solver_iterations", "solver_residual"),
+        Solve("gains", "status", "solver_iterations", "solver_residual"),
     ),
 )

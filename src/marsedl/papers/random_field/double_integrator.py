@@ -187,5 +187,9 @@ def compute(point_mass: PointMass) -> DoubleIntegrator:
         unconstrained_objective=free.objective,
         support=mean @ normals.T + ellipse_radius(point_mass) * spread - bounds,
         status=solution.status,
+        accepted_by=solution.accepted_by,
+        solver_attempt=solution.attempt,
         solver_iterations=solution.iterations,
+        solver_gap=solution.duality_gap,
+        solver_residual=max(solution.primal_residual, solution.dual_residual),
     )

@@ -116,7 +116,11 @@ def open_loop(guidance: Guidance, vehicle: Vehicle, motion: Motion, nominal: Nom
         "quadratic_cost": np.nan,
         "condition_number": linearization.condition_number,
         "status": "",
+        "accepted_by": "",
+        "solver_attempt": 0,
         "solver_iterations": 0,
+        "solver_gap": np.nan,
+        "solver_residual": np.nan,
     }
 
 
@@ -127,17 +131,14 @@ def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition
     """
     guess = np.full(len(partition) - 1, guidance.initial_control)
     nodes = np.rint(2 * np.asarray(partition) / motion.time_step).astype(int)
-    current, compiled = fly(guess), None
+    current = fly(guess)
 
     def step(control) -> Step:
-        nonlocal current, compiled
+        nonlocal current
         model = along(motion, partition, control, current)
         posed, system = program(guidance, vehicle, motion, model, control)
-        accepted = {"accept_ill_conditioned": guidance.ill_conditioned == "report"}
         try:
-            if compiled is None:
-                compiled = block_program.compile_program(posed, **accepted)
-            solution = compiled.solve(posed, **accepted)
+            solution = block_program.solve(posed, accept_ill_conditioned=guidance.ill_conditioned == "report")
         except block_program.IllConditionedError as error:
             raise MarsedlError(
                 f"covariance steering program: {error}: set navigation_deviations above zero, or ill_conditioned to "
@@ -272,7 +273,11 @@ def _design(guidance: Guidance, motion: Motion, model, system, posed, solution):
         "quadratic_cost": solution.quadratic_cost,
         "condition_number": condition_number(posed.system.disturbance_covariance, np.ones(3)),
         "status": solution.status,
+        "accepted_by": solution.accepted_by,
+        "solver_attempt": solution.attempt,
         "solver_iterations": solution.iterations,
+        "solver_gap": solution.duality_gap,
+        "solver_residual": max(solution.primal_residual, solution.dual_residual),
     }
 
 

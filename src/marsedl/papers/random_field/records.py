@@ -133,7 +133,11 @@ class Gains:
     quadratic_cost: np.ndarray = quantity("1", ("iterations",), "its part J1")
     condition_number: np.ndarray = quantity("1", ("iterations",), "of the design's Cov(W), same units")
     status: np.ndarray = quantity("1", ("iterations",), "of the solver", "str")
+    accepted_by: np.ndarray = quantity("1", ("iterations",), "why it counts: status, or accuracy reached", "str")
+    solver_attempt: np.ndarray = quantity("1", ("iterations",), "which of its settings gave the law", "int64")
     solver_iterations: np.ndarray = quantity("1", ("iterations",), "of the solver", "int64")
+    solver_gap: np.ndarray = quantity("1", ("iterations",), "duality gap reached, of the scaled program")
+    solver_residual: np.ndarray = quantity("1", ("iterations",), "larger of its residuals, primal and dual")
 
 
 @record
@@ -211,7 +215,11 @@ class DoubleIntegrator:
         "1", ("laws", "nodes", LINE), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
     )
     status: str = quantity("1", (), "of the solver", "str")
+    accepted_by: str = quantity("1", (), "why it counts: status, or accuracy reached", "str")
+    solver_attempt: int = quantity("1", (), "which of its settings gave the law")
     solver_iterations: int = quantity("1", (), "of the solver")
+    solver_gap: float = quantity("1", (), "duality gap reached, of the scaled program")
+    solver_residual: float = quantity("1", (), "larger of its residuals, primal and dual")
 
 
 @record

@@ -99,13 +99,14 @@ class Rows:
         matching = np.flatnonzero(self.c1 == c1)
         if matching.size:
             return int(matching[0])
-        wanted = self.tradeoff.missing_effort[self.tradeoff.missing_weight == c1]
+        missing = self.tradeoff.missing_weight == c1
+        wanted = self.tradeoff.missing_effort[missing]
         if not wanted.size:
             raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
         if wanted[0] < self.effort[0]:
             sentence = f"the control energy of c1 = {c1:g} lies below the least, {self.effort[0]:.4f} deg^2/s^3"
             raise InfeasibleError(sentence, {})
-        raise MarsedlError(f"no solution on the path has the control energy of c1 = {c1:g}, {wanted[0]:g} deg^2/s^3")
+        raise MarsedlError(f"c1 = {c1:g} has no row: {self.tradeoff.missing_reason[missing][0]}")
 
     def require(self, weights) -> None:
         """Refuse a table in which one of some printed weights has no row."""
