@@ -21,8 +21,8 @@ from marsedl.methods.covariance_steering.block_program import (
     solve,
     stacked,
 )
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.history_feedback import history_program
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.lincov import DiscreteSystem
 
 THREE_SIGMA = (1 - 0.9973) / 2

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.summaries import summary
 
 __all__ = [
@@ -27,7 +28,6 @@ __all__ = [
     "diagonal_blocks",
     "margins",
     "stacked",
-    "upper_quantile",
 ]
 
 # Most negative eigenvalue of a covariance or weight that still counts as rounding, relative to the largest one.
@@ -270,22 +270,6 @@ class Margin(NamedTuple):
     value: float  # of the quantity
     limit: float  # it must not exceed this
     excess: float  # (value - limit) over the size of the constraint: 0 if active, positive if violated
-
-
-def upper_quantile(probability):
-    r"""The number of standard deviations that a Gaussian exceeds with a given probability.
-
-        $\text{cdfn}^{-1}(1 - p) \quad \text{(random field, Eqs. 44, 45 and 52)}$
-
-    Args:
-        probability: p in (0, 1), scalar or array.
-
-    Returns:
-        Factor of the standard deviation.
-    """
-    from scipy.special import ndtri
-
-    return -ndtri(np.asarray(probability, dtype=float))
 
 
 def stacked(system):

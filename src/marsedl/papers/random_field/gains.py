@@ -3,8 +3,8 @@
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.convexification import Run, Step, successive_convexification
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight

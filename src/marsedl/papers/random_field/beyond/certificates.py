@@ -6,7 +6,7 @@ Everything here is about the first program of the reading, along the trajectory 
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.models import random_field
 from marsedl.models.density_variation import sample_process
 from marsedl.montecarlo.statistics import central_moments
