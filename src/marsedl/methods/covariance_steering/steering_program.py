@@ -146,6 +146,9 @@ class SteeringProgram:
         $\text{minimize} \quad \sum_{k < N} \left\{ \text{E}\left[ (x_k - x_k^\text{d})^\top Q_k (x_k - x_k^\text{d}) +
           \tilde{u}_k^\top R_k \tilde{u}_k \right] + v_k^\top \bar{R}_k v_k \right\} + \eta \max_i \gamma_i$
 
+    `control_trust` limits every component of $v_k - \hat{u}_k$ alone (a maximum norm). Of one control that is Eq. 54;
+    of m controls it lets a change be up to $\sqrt{m}$ times as long as the norm of Eq. 54 with a unit weight does.
+
     Raises:
         ValueError: naming the field, if a shape does not fit, a value is not finite, a step lies outside the program,
             or a covariance or weight is not symmetric positive semidefinite.

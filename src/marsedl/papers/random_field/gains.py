@@ -211,7 +211,7 @@ def program(guidance: Guidance, vehicle: Vehicle, motion: Motion, model, control
         ),
         percentile_weight=guidance.percentile_weight,
         control_reference=np.asarray(control, dtype=float)[:, np.newaxis],
-        control_trust=guidance.control_trust / guidance.control_trust_weight,
+        control_trust=guidance.control_trust / np.sqrt(guidance.control_trust_weight),
         state_trust=(
             block_program.TrustRegion(
                 intervals,
