@@ -42,10 +42,9 @@ def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Funnel
     library_funnel, outcome = propagate(recursion, loop, gains, design, amplitudes)
     stages = described_stages(library_funnel, len(steps) - 1)
     level = _padded([gains.initial_level] if library_funnel is None else library_funnel.rho, len(steps))
-    with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
-        shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
-        slices = described_slices(given.vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
-        plane = fig4(given.studies, air, loop, steps, shape, shape_rate, level)
+    shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
+    slices = described_slices(given.vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
+    plane = fig4(given.studies, air, loop, steps, shape, shape_rate, level)
     return Funnel(
         outcome=outcome,
         step=steps,
@@ -250,8 +249,9 @@ def largest_heat_rate(vehicle: Vehicle, air: Air, state, shape, level):
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
     outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
     altitude, velocity = state[[0, 3], np.newaxis] + outline
-    worst = environment.densest(air, altitude)
-    return finite(environment.heat_rate(vehicle, air, altitude, velocity, worst).max())
+    with np.errstate(over="ignore", invalid="ignore"):  # a wide slice leaves the range of the equations: not finite
+        worst = environment.densest(air, altitude)
+        return finite(environment.heat_rate(vehicle, air, altitude, velocity, worst).max())
 
 
 def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
@@ -261,10 +261,11 @@ def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
     density largest or least.
     """
     deviations = points @ (np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(shape)))
-    end = environment.densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
-    still, most, least = (
-        lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
-    )
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a wide slice leaves the equations' range
+        end = environment.densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
+        still, most, least = (
+            lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
+        )
     return np.array([finite(still), finite(np.maximum(most, least))])
 
 
