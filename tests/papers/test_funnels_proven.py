@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.monte_carlo import fly, greedy_disturbance
 from marsedl.methods.funnels.stage import FunnelStage, spread_of
 from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.beyond import proven
 from marsedl.replication.records import store
+from starts import maximize_from_random_starts as maximize
 
 FIRST, STEPS, LEVEL = 76, 16, 1.2
 
