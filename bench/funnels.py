@@ -6,9 +6,11 @@ from functools import partial
 import numpy as np
 from measuring import inputs_of, interleaved, run
 
-from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
+from marsedl.methods.funnels.monte_carlo import fly
+from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
+from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import PAPER, environment
 from marsedl.papers.funnels.basics import SPHERES
 from marsedl.papers.funnels.beyond.programs import fitted, propagate, samples, solver, stage_at
@@ -51,9 +53,9 @@ def compare_funnels(row, loop, gains, design):
     """The whole funnel by samples and by coefficients, and flights."""
     recursion = inputs_of(PAPER.slug).recursion
     random, spacing = np.random.Generator(np.random.Philox(recursion.design_seed)), recursion.steps_per_slice
-    directions = uniform_directions(random, TRIALS, len(environment.STATES))
-    starts = boundary_deviations(gains.shape[0], gains.initial_level, directions)
-    disturbances = uniform_directions(random, TRIALS, environment.DISTURBANCES)
+    directions = Spheres((len(environment.STATES),)).random_points(TRIALS, random)
+    starts = directions @ spread_of(gains.shape[0], gains.initial_level).T
+    disturbances = Spheres((environment.DISTURBANCES,)).random_points(TRIALS, random)
     funnel = partial(propagate, recursion, loop, gains, design, spacing)
     levels, outcome = funnel()
     assert np.isfinite(levels).all(), outcome

@@ -13,9 +13,9 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_953,
-    "src/marsedl/papers": 9_938,
-    "src/marsedl/methods": 4_519,
+    "src/marsedl": 25_958,
+    "src/marsedl/papers": 10_364,
+    "src/marsedl/methods": 4_098,
     "src/marsedl/models": 652,
     "src/marsedl/montecarlo": 1_548,  # a law is compiled alone, so that a new one takes a second
     "src/marsedl/fly": 1_031,
@@ -23,7 +23,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_343,
 }
-LINES = 37_505  # of tests
+LINES = 37_573  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

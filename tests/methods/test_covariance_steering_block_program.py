@@ -22,8 +22,8 @@ from marsedl.methods.covariance_steering.block_program import (
     solve,
     stacked,
 )
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.history_feedback import history_program
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
 
 THREE_SIGMA = (1 - 0.9973) / 2
 

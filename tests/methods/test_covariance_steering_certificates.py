@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
 from marsedl.methods.covariance_steering.closed_form import steer
+from marsedl.papers.powered_descent.beyond.held_control import covariance_certificate, mean_certificate
 
 INTERVALS = (25, 50, 100)
 

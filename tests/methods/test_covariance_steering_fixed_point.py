@@ -10,7 +10,7 @@ from marsedl.methods.covariance_steering.closed_form import (
     predicted_covariance,
     riccati_initial,
 )
-from marsedl.methods.covariance_steering.fixed_point import fixed_point
+from marsedl.papers.powered_descent.beyond.algorithm_1 import fixed_point
 
 GAMMA, FULL_THRUST = 0.02, 18000.0
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.closed_form import riccati_initial, steer
-from marsedl.methods.covariance_steering.forward_integration import LinearMotion, integrate_forward, modified_index
+from marsedl.papers.powered_descent.beyond.algorithm_2 import LinearMotion, integrate_forward, modified_index
 
 
 def motion(descent, problem, segment):

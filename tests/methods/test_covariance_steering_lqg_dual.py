@@ -13,13 +13,13 @@ from marsedl.methods.covariance_steering.lqg_dual import (
     lqg_gains_as_printed,
     noise_floor,
     solve,
-    solve_cone_program,
-    solve_over_weights,
     variances,
 )
 from marsedl.methods.lincov import compose, discretize, propagate
 from marsedl.methods.linear_system import LinearSystem
 from marsedl.methods.linearization import linearize
+from marsedl.papers.stochastic_entry.beyond.cone_program import solve_cone_program
+from marsedl.papers.stochastic_entry.beyond.weight_search import solve_over_weights
 
 STATE_SCALE = np.array([1e3, 100, 0.01, 1e3, 5e-3])
 ALTITUDE, FLIGHT_PATH_ANGLE, RANGE = np.eye(5)[[0, 2, 3]]

@@ -12,6 +12,8 @@ from scipy.integrate import solve_ivp
 
 from marsedl.methods.covariance_steering.block_program import closed_loop
 from marsedl.methods.funnels import monte_carlo
+from marsedl.methods.funnels.stage import spread_of
+from marsedl.methods.sos.variety import Spheres
 from marsedl.models import random_field
 from marsedl.montecarlo.streams import normals
 
@@ -135,8 +137,8 @@ def pendulum():
     """The funnel example, its proven level at every node, and starts on the boundary of its first slice."""
     names = run("funnel")
     names["proven_level"] = np.concatenate([[names["first"]], *(stage.levels for stage in names["proven"])])
-    directions = monte_carlo.uniform_directions(np.random.Generator(np.random.Philox(7)), TRIALS, 2)
-    names["starts"] = monte_carlo.boundary_deviations(names["shapes"][0], names["first"], directions)
+    directions = Spheres((2,)).random_points(TRIALS, np.random.Generator(np.random.Philox(7)))
+    names["starts"] = directions @ spread_of(names["shapes"][0], names["first"]).T
     return names
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.ascent import maximize
+from starts import maximize_from_random_starts as maximize
 
 
 def generator(seed):

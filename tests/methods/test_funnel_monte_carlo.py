@@ -5,13 +5,13 @@ from scipy.stats import kstest
 from dubins_car import dubins
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import (
-    boundary_deviations,
     fly,
     greedy_additive,
     greedy_disturbance,
     quadratic_values,
-    uniform_directions,
 )
+from marsedl.methods.funnels.stage import spread_of
+from marsedl.methods.sos.variety import Spheres
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
 
 
@@ -43,21 +43,21 @@ def car(steps=400):
 
 
 def test_directions_are_uniform_on_the_sphere():
-    directions = uniform_directions(generator(), 4000, 3)
+    directions = Spheres((3,)).random_points(4000, generator())
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-14)
     # Archimedes: a coordinate of a uniform point of the sphere in space is uniform.
     for axis in ([1, 0, 0], [0, 0, 1], np.ones(3) / np.sqrt(3)):
         assert kstest(directions @ axis, "uniform", args=(-1, 2)).pvalue > 0.01
-    np.testing.assert_array_equal(directions, uniform_directions(generator(), 4000, 3))
-    angle = np.arctan2(*uniform_directions(generator(2), 4000, 2).T)
+    np.testing.assert_array_equal(directions, Spheres((3,)).random_points(4000, generator()))
+    angle = np.arctan2(*Spheres((2,)).random_points(4000, generator(2)).T)
     assert kstest(angle, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 0.01
 
 
-def test_boundary_deviations_lie_on_the_boundary():
+def test_spread_directions_lie_on_the_boundary():
     factor = np.random.default_rng(1).standard_normal((6, 6)) * np.array([1e-3, 1e3, 1e3, 0.1, 100, 100])
     value_matrix = factor.T @ factor
-    directions = uniform_directions(generator(), 300, 6)
-    deviations = boundary_deviations(value_matrix, 0.18, directions)
+    directions = Spheres((6,)).random_points(300, generator())
+    deviations = directions @ spread_of(value_matrix, 0.18).T
     values = np.einsum("mi,ij,mj->m", deviations, value_matrix, deviations) / 2
     np.testing.assert_allclose(values, 0.18, rtol=1e-12)
     np.testing.assert_allclose(quadratic_values(value_matrix, deviations.T), 0.18, rtol=1e-12)
@@ -106,8 +106,8 @@ def test_the_greedy_adversary_drives_an_oscillator_in_resonance():
 
 def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
     loop, matrices = car(steps=40)
-    deviation = boundary_deviations(matrices[7], 0.1, uniform_directions(generator(), 9, 3)).T
-    directions = uniform_directions(generator(2), 16, 2)
+    deviation = (Spheres((3,)).random_points(9, generator()) @ spread_of(matrices[7], 0.1).T).T
+    directions = Spheres((2,)).random_points(16, generator(2))
     chosen = greedy_disturbance(directions)(loop, 7, matrices[7], deviation)
     assert chosen.shape == (2, 9)
     for x, w in zip(deviation.T, chosen.T, strict=True):
@@ -118,10 +118,10 @@ def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
 def test_the_additive_adversary_takes_the_best_point_of_its_ellipsoid():
     loop, matrices = car(steps=40)
     amplitudes = np.array([0.03, 0.01, 0.002])
-    deviation = boundary_deviations(matrices[7], 0.1, uniform_directions(generator(), 5, 3)).T
+    deviation = (Spheres((3,)).random_points(5, generator()) @ spread_of(matrices[7], 0.1).T).T
     chosen = greedy_additive(amplitudes)(loop, 7, matrices[7], deviation)
     np.testing.assert_allclose(np.sum((chosen / amplitudes[:, None]) ** 2, axis=0), 1.0, rtol=1e-14)
-    growth_of_others = (uniform_directions(generator(3), 20000, 3) * amplitudes) @ matrices[7] @ deviation
+    growth_of_others = (Spheres((3,)).random_points(20000, generator(3)) * amplitudes) @ matrices[7] @ deviation
     growth = np.einsum("im,ij,jm->m", chosen, matrices[7], deviation)
     assert (growth_of_others.max(axis=0) <= growth).all()
     np.testing.assert_allclose(growth_of_others.max(axis=0), growth, rtol=1e-3)
@@ -147,7 +147,7 @@ def plain_flight(loop, start):
 
 def test_a_car_without_wind_comes_back_to_its_path():
     loop, matrices = car()
-    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 1000, 3))
+    start = Spheres((3,)).random_points(1000, generator()) @ spread_of(matrices[0], 0.15).T
     values = fly(loop, matrices, start, np.zeros((1000, 2)))
     # Of the linear loop V falls by the running cost; at this size the car is still like it.
     assert (np.diff(values.max(axis=1)) < 0).all()
@@ -157,12 +157,12 @@ def test_a_car_without_wind_comes_back_to_its_path():
 
 def test_a_trajectory_does_not_depend_on_the_others():
     loop, matrices = car(steps=80)
-    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 23, 3))
-    wind = uniform_directions(generator(2), 23 * 4, 2).reshape(4, 23, 2)
+    start = Spheres((3,)).random_points(23, generator()) @ spread_of(matrices[0], 0.15).T
+    wind = Spheres((2,)).random_points(23 * 4, generator(2)).reshape(4, 23, 2)
     together = fly(loop, matrices, start, wind)
     for part in (slice(0, 7), slice(7, 8), slice(8, 23)):
         np.testing.assert_array_equal(fly(loop, matrices, start[part], wind[:, part]), together[:, part])
-    adversary = greedy_disturbance(uniform_directions(generator(3), 8, 2))
+    adversary = greedy_disturbance(Spheres((2,)).random_points(8, generator(3)))
     together = fly(loop, matrices, start, adversary)
     np.testing.assert_array_equal(fly(loop, matrices, start[5:6], adversary), together[:, 5:6])
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dubins_car import dubins
-from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import additive_growth, linear_exact, slice_jacobians
 from marsedl.methods.funnels.recursion import (
@@ -23,6 +22,7 @@ from marsedl.methods.sos import verification
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
+from starts import maximize_from_random_starts as maximize
 
 CALM, WINDY = well_chosen_design(Spheres((3,)), 1), well_chosen_design(Spheres((3, 2)), 1)
 

@@ -3,22 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marsedl.methods import sensitivity_gains
 from marsedl.methods.sensitivity import POINTS
-from marsedl.methods.sensitivity_gains import (
-    GainProblem,
-    final_errors,
-    gain_matrix,
-    minimum_norm,
-    rank,
-    regularized,
-    tune,
-)
+from marsedl.methods.sensitivity_gains import GainProblem, final_errors, gain_matrix, linearized, minimum_norm
+from marsedl.papers.desensitized.gain_search import rank, regularized, tune
 
 
 def jacobian(problem, k):
     """The derivative of the final errors that the searches use, (p c, m f)."""
-    return sensitivity_gains._linear(problem, k)[1]
+    return linearized(problem, k)[1]
 
 
 def random_problem(seed=3, **changes):

@@ -2,13 +2,13 @@ import cvxpy
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.sos import conic_program
 from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
+from starts import maximize_from_random_starts as maximize
 
 
 def generator(seed):

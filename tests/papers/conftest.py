@@ -58,7 +58,7 @@ REDUCED = {
         "start_banks": np.radians([63.0]),
         "start_final_times": np.array([200.0]),  # leads to the best of the optima
         "check_points": 450,  # more than the 406 independent polynomials
-        "ascent_starts": 100,
+        "ascent_starts": 200,
         "ascent_polished": 2,
         "ascent_iterations": 6,
         "tightness_starts": 60,

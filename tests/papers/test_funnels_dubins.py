@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
+from marsedl.methods.funnels.monte_carlo import fly
+from marsedl.methods.funnels.stage import spread_of
+from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import dubins
 from marsedl.papers.funnels.beyond import dubins_study
 from marsedl.replication.errors import SolverError
@@ -114,8 +116,8 @@ def test_a_stage_bounds_the_car_itself_and_hardly_more(car):
     """The car, not its deviation, from points all over the slice: an oracle without error rates, series or programs."""
     number = 25
     first, last = car.slice_step[number : number + 2]
-    directions = uniform_directions(generator(), 20_000, 3)
-    start = boundary_deviations(car.shape[first], car.level[FLOW, number], directions) + car.state[2 * first]
+    directions = Spheres((3,)).random_points(20_000, generator())
+    start = (directions @ spread_of(car.shape[first], car.level[FLOW, number]).T) + car.state[2 * first]
 
     def rates(time, packed):
         state = packed.reshape(3, -1)
@@ -147,8 +149,8 @@ def _integral(values, times):
 @pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
 def test_flights_stay_inside_and_come_near(car, number, wind):
     loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
-    start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
-    values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
+    start = Spheres((3,)).random_points(1000, draw) @ spread_of(car.shape[0], car.level[number, 0]).T
+    values = fly(loop, car.shape, start, Spheres((2,)).random_points(1000, draw) if wind else np.zeros((1000, 0)))
     largest = values.max(axis=1)
     level = np.interp(np.arange(401), car.slice_step, car.level[number])
     assert (largest <= level * (1 + 1e-9)).all()
@@ -170,7 +172,7 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
         assert (study.linear_level[number, 1:] < short.level[number, 1:]).all()
         assert study.linear_level[number] == pytest.approx(short.level[number], rel=0.02)
     loop = dubins.closed_loop(short, SPEED)
-    small = boundary_deviations(short.shape[0], 1e-10, uniform_directions(generator(), 20_000, 3))
+    small = Spheres((3,)).random_points(20_000, generator()) @ spread_of(short.shape[0], 1e-10).T
     grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
     assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
 
@@ -182,8 +184,8 @@ def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):
         assert (level[1:] > short.level[number, 1:]).all()
         assert level == pytest.approx(short.level[number], rel=0.02)
         loop, draw = dubins.closed_loop(short, SPEED, STRONGEST if wind else None), generator(row)
-        start = boundary_deviations(short.shape[0], level[0], uniform_directions(draw, 2000, 3))
+        start = Spheres((3,)).random_points(2000, draw) @ spread_of(short.shape[0], level[0]).T
         start *= draw.random((2000, 1)) ** (1 / 3)  # from the inside too
-        pushed = uniform_directions(draw, 2000, 2) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))
+        pushed = Spheres((2,)).random_points(2000, draw) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))
         reached = fly(loop, short.shape, start, pushed)[short.slice_step].max(axis=1)
         assert (reached <= level).all()

@@ -6,10 +6,12 @@ otherwise.
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.stats import kstest
 
 from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.montecarlo.streams import normals, uniforms
@@ -185,6 +187,19 @@ def test_rates_are_those_of_the_flown_level(corrected, funnels, loop):
     assert np.abs(one - still).max() > 0.03 * largest
     errors = [np.abs(extrapolated - still).max() / largest for extrapolated in (2.0 * two - four, 2.0 * one - two)]
     assert errors[1] < 0.01 and 2.5 < errors[0] / errors[1] < 5.0
+
+
+def test_the_search_for_the_largest_motion_starts_from_the_packages_random_numbers(funnels, monkeypatch):
+    """Uniform on the slice and in the disc, whatever numpy's own generators do."""
+    searches = []
+    monkeypatch.setattr(funnel, "maximize", lambda function, dimensions, starts, **_: (searches.append(starts), None))
+    recursion = funnels.inputs("corrected", ascent_starts=2000).of(funnel.true_maximum)["recursion"]
+    funnel.true_maximum(recursion)(SimpleNamespace(true_values=None), None)
+    seed, slice_points, disc = recursion.design_seed, *np.split(searches[0], [6], axis=1)
+    drawn = normals(seed, funnel.TRUE_MAXIMUM, np.arange(2000), 8)[:, :6]
+    np.testing.assert_array_equal(slice_points, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+    assert kstest(np.sum(disc**2, axis=1), "uniform").pvalue > 0.01
+    assert kstest(np.arctan2(*disc.T), "uniform", args=(-np.pi, 2.0 * np.pi)).pvalue > 0.01
 
 
 def test_where_the_level_rises(corrected):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from marsedl.methods.funnels.linear import slice_jacobians
-from marsedl.methods.funnels.monte_carlo import boundary_deviations, uniform_directions
+from marsedl.methods.funnels.stage import spread_of
+from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment, gains
 from marsedl.papers.funnels.beyond import linear_bounds
 
@@ -79,9 +80,9 @@ def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, des
     """With a disturbance that is drawn again in every slice, which the level allows."""
     steps, draw = environment.slices(loop, inputs.steps_per_slice), generator()
     across, pushed = linear_bounds.between_slices(*jacobians, steps)
-    deviation = boundary_deviations(design.shape[0], design.initial_level, uniform_directions(draw, 2000, 6)).T
+    deviation = (Spheres((6,)).random_points(2000, draw) @ spread_of(design.shape[0], design.initial_level).T).T
     for k in range(len(across)):
-        deviation = across[k] @ deviation + pushed[k] @ uniform_directions(draw, 2000, 2).T
+        deviation = across[k] @ deviation + pushed[k] @ Spheres((2,)).random_points(2000, draw).T
         values = 0.5 * np.einsum("im,ij,jm->m", deviation, design.shape[steps[k + 1]], deviation)
         assert values.max() < bounds.exact_level[k + 1]
 

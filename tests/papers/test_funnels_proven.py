@@ -8,12 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.methods.funnels.ascent import maximize
-from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, greedy_disturbance, uniform_directions
-from marsedl.methods.funnels.stage import FunnelStage
+from marsedl.methods.funnels.monte_carlo import fly, greedy_disturbance
+from marsedl.methods.funnels.stage import FunnelStage, spread_of
+from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.beyond import proven
 from marsedl.replication.records import store
+from starts import maximize_from_random_starts as maximize
 
 FIRST, STEPS, LEVEL = 76, 16, 1.2
 
@@ -75,10 +76,10 @@ def test_motion_stays_below_the_levels_of_all_nodes_and_comes_close(proof, loop,
 
 def test_flights_stay_inside_under_disturbances_that_change_between_stages(proof, loop, part):
     random = np.random.Generator(np.random.Philox(7))
-    starts = boundary_deviations(part[1].shape[0], LEVEL, uniform_directions(random, 500, 6))
-    directions = uniform_directions(random, 24, 2)
+    starts = Spheres((6,)).random_points(500, random) @ spread_of(part[1].shape[0], LEVEL).T
+    directions = Spheres((2,)).random_points(24, random)
     inside = 0.8 * starts
-    redrawn = uniform_directions(random, 4 * 500, 2).reshape(4, 500, 2)
+    redrawn = Spheres((2,)).random_points(4 * 500, random).reshape(4, 500, 2)
     for deviations, disturbance in ((starts, redrawn), (inside, redrawn), (starts, greedy_disturbance(directions))):
         levels = fly(loop, part[1].shape, deviations, disturbance)
         assert (levels <= proof.node_level[:, np.newaxis] * (1 + 1e-12)).all()
@@ -97,8 +98,8 @@ def greedy_constant(loop, part, starts, directions):
 def test_half_widths_are_the_largest_in_the_levels(proof, part):
     random = np.random.Generator(np.random.Philox(8))
     for k in (0, 3):
-        directions = uniform_directions(random, 20_000, 6)
-        largest = np.abs(boundary_deviations(part[1].shape[4 * k], proof.level[k], directions)).max(axis=0)
+        directions = Spheres((6,)).random_points(20_000, random)
+        largest = np.abs(directions @ spread_of(part[1].shape[4 * k], proof.level[k]).T).max(axis=0)
         assert (largest <= proof.half_width[k]).all() and (largest > 0.97 * proof.half_width[k]).all()
 
 

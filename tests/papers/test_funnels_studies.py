@@ -271,6 +271,22 @@ def test_the_funnel_of_the_reading_is_taken_where_it_bounds_the_motion(small, sm
         np.testing.assert_array_equal(again.excess, excess)
 
 
+def test_a_division_by_zero_in_a_funnel_is_told(monkeypatch):
+    """Only values of a stage's polynomial may leave the range of numbers, and the recursion looks at these."""
+
+    def dividing(*_, **__):
+        return np.float64(1.0) / np.float64(0.0)
+
+    recursion = SimpleNamespace(taylor_order=3, program_tolerance=1e-8, largest_level=1.0)
+    loop, regulator = SimpleNamespace(steps=4), SimpleNamespace(shape=np.ones((5, 1, 1)), initial_level=1.0)
+    monkeypatch.setattr(programs, "forward", dividing)
+    monkeypatch.setattr(coarse_funnels, "backward", dividing)
+    with pytest.raises(RuntimeWarning, match="divide by zero"):
+        programs.propagate(recursion, loop, regulator, None, 2)
+    with pytest.raises(RuntimeWarning, match="divide by zero"):
+        coarse_funnels.backwards(recursion, loop, regulator, None, np.array([0, 2, 4]), 1.0)
+
+
 def test_multipliers_and_samples_give_one_funnel(coarse):
     assert coarse.multiplier_difference < 1e-6
     assert coarse.multiplier_status.tolist() == ["optimal"] * 2

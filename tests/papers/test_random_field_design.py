@@ -5,6 +5,7 @@ other reason is stated. That study took the natural cubic spline of ln density, 
 """
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import components, environment, flight, linearization, montecarlo, nominal
 from marsedl.papers.random_field import gains as design
+from marsedl.papers.random_field.beyond import certificates as checks
 from marsedl.papers.random_field.double_integrator import kernel, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
 from marsedl.papers.random_field.linearization import UNITS
@@ -499,6 +501,24 @@ def test_unbounded_gains_are_refused_or_reported(random_field):
 # What rounding makes of a product of matrices of 45 rows: this times the largest entry of |I + B L| |I - B K|, which is
 # 2,671 as a rule, 3,341 with both branches and 14,561 in m/s. The last digits depend on the processor.
 ROUNDING = 45 * np.finfo(float).eps
+
+
+def test_every_certificate_draws_from_a_stream_of_its_own(random_field, monkeypatch):
+    given, streams = random_field.inputs("corrected"), []
+
+    class Drawn(Exception):
+        pass
+
+    def drawing(seed, stream, *_):
+        streams.append(stream)
+        raise Drawn
+
+    monkeypatch.setattr(checks, "normals", drawing)
+    system = SimpleNamespace(disturbance_covariance=np.eye(3))
+    for check, arguments in ((checks._separation, (system, None)), (checks._sampled, (None,))):
+        with pytest.raises(Drawn):
+            given.call(check, *arguments)
+    assert len({*streams, checks.SEGMENTS, flight.INITIAL_STREAM, flight.FIELD_STREAM}) == 5
 
 
 def test_certificates(random_field):

@@ -225,7 +225,7 @@ def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(project):
 
 def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(project):
     project.edit(
-        f"{PACKAGE}/methods/covariance_steering/fixed_point.py",
+        f"{PACKAGE}/papers/powered_descent/beyond/algorithm_1.py",
         '"diverged: an iterate is not finite"',
         '"diverged: some iterate is not finite"',
     )

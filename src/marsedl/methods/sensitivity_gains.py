@@ -24,13 +24,10 @@ from marsedl.summaries import summary
 __all__ = [
     "GainDesign",
     "GainProblem",
-    "Tuning",
     "final_errors",
     "gain_matrix",
+    "linearized",
     "minimum_norm",
-    "rank",
-    "regularized",
-    "tune",
 ]
 
 # Singular values below this part of the largest are rounding; hard but regular problems have some at 1e-6.
@@ -126,18 +123,6 @@ class GainDesign(NamedTuple):
     __repr__ = summary
 
 
-class Tuning(NamedTuple):
-    """Tuned gains, the simulated errors that they leave, and how the search for them ended."""
-
-    k: np.ndarray  # of the shape of the start
-    errors: np.ndarray  # simulated errors, (r,)
-    iterations: int
-    converged: bool
-    reason: str  # why the search ended, in a sentence
-
-    __repr__ = summary
-
-
 def gain_matrix(problem, k):
     """Feedback matrix K of dimensionless gains, K_ai = control_scale_a k_ai / state_scale_i.
 
@@ -173,6 +158,40 @@ def final_errors(problem, k):
     return problem.outputs @ _closed(problem, k).sensitivity[-1]
 
 
+@np.errstate(over="ignore", invalid="ignore")
+def linearized(problem, k):
+    r"""Final errors as a vector, (p c,), and their exact derivative with respect to the gains, (p c, m f).
+
+    A gain acts as a forcing $B_a x_i$ at the points of the scheme, for the midpoint rule on the mean
+    $(S_k + S_{k+1}) / 2$:
+
+        $\frac{dE}{dk_{ai}} = \sum_k L_{k+1} R_{k,a} \frac{(S_k + S_{k+1})_i}{2} \cdot
+          \frac{\text{control_scale}_a}{\text{state_scale}_i}$
+
+    with the adjoint rows $L$ of the outputs and the responses $R$ of the closed loop to the controls. For other schemes
+    the sum goes over their points as well.
+
+    Args:
+        problem: `GainProblem`.
+        k: as in `gain_matrix`.
+
+    Returns:
+        Errors (p c,) and their derivative (p c, m f); not finite where the closed loop overflows.
+
+    Raises:
+        ValueError: as `final_errors`.
+    """
+    loop, scheme, step = _closed(problem, k), problem.scheme, problem.step
+    rows = adjoint_rows(loop.transitions, problem.outputs)[1:, np.newaxis]
+    to_outputs = rows @ scheme_responses(scheme, loop.matrices, loop.control, step)
+    measured_columns = scheme_columns(scheme, loop.matrices, loop.sensitivity, step)[:, :, problem.fed_back]
+    # Points of all intervals are counted one after the other.
+    to_outputs, measured_columns = (part.reshape(-1, *part.shape[2:]) for part in (to_outputs, measured_columns))
+    slope = np.einsum("kpa,kic->pcai", to_outputs, measured_columns) * _unit(problem)
+    errors = problem.outputs @ loop.sensitivity[-1]
+    return errors.ravel(), slope.reshape(errors.size, -1)
+
+
 def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=200):
     """The smallest gains that null the final errors, from a start: k <- J^+ (J k - r), the step limited in norm.
 
@@ -198,7 +217,7 @@ def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=
     """
     _require_positive(step_limit=step_limit, tolerance=tolerance, iterations=iterations)
     k = _full(problem, start).ravel()
-    errors, slope = _linear(problem, k)
+    errors, slope = linearized(problem, k)
     steps, full_step, length = 0, np.zeros_like(k), np.inf
     for _ in range(iterations):
         if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
@@ -209,110 +228,12 @@ def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=
             step_limit /= 2
         step = full_step * min(1.0, step_limit / max(length, tolerance))
         k = k + step
-        errors, slope = _linear(problem, k)
+        errors, slope = linearized(problem, k)
         steps += 1
         if length <= tolerance:
             break
     converged, reason = _search_outcome(errors, slope, length, tolerance, steps)
-    return _design(problem, k, converged, reason, steps)
-
-
-def regularized(problem, weights, start=0.0, tolerance=1e-10, iterations=500):
-    """Gains of min |r|^2 + w |k|^2 for a sequence of weights, each search from the gains of the one before.
-
-    Errors that cannot all vanish, for instance of several columns at once, are traded against the size of the gains.
-
-    Args:
-        problem: `GainProblem`.
-        weights: w > 0, usually falling.
-        start: first k of the first weight, as in `gain_matrix`.
-        tolerance: relative change of k that ends a search.
-        iterations: most trial steps of a search.
-
-    Returns:
-        List of `GainDesign`, one per weight; converged if the search came to an end, whatever the errors that remain.
-
-    Raises:
-        ValueError: if a weight, tolerance or iterations is not positive, the errors of the start are not finite, or as
-            `final_errors` for the start.
-    """
-    _require_positive(tolerance=tolerance, iterations=iterations)
-    weights = np.asarray(weights, dtype=float)
-    if weights.ndim != 1 or not (np.isfinite(weights) & (weights > 0)).all():
-        raise ValueError("weights must be a list of positive numbers")
-    k = _full(problem, start).ravel()
-    if not np.isfinite(_errors(problem, k)).all():
-        raise ValueError("start: the errors are not finite, for the closed loop is unstable")
-    designs = []
-    for weight in weights:
-        tuning = _least_squares(
-            lambda k: _errors(problem, k), lambda k: _linear(problem, k), k, weight, tolerance, iterations
-        )
-        k = tuning.k
-        designs.append(_design(problem, k, tuning.converged, tuning.reason, tuning.iterations))
-    return designs
-
-
-def tune(simulated_errors, start, difference=1e-5, tolerance=1e-8, iterations=100):
-    """Gains of least squares of simulated errors, by central differences of the simulation.
-
-    Trial steps whose errors are not finite are shortened. What is found is a local minimum, which depends on the start.
-
-    Args:
-        simulated_errors: function of k that returns the errors of a simulation under these gains, (r,).
-        start: first k, of any shape.
-        difference: half the distance of the differences; the cube root of the relative rounding of the errors is best.
-        tolerance: relative change of k that ends the search.
-        iterations: most trial steps.
-
-    Returns:
-        `Tuning`.
-
-    Raises:
-        ValueError: if difference, tolerance or iterations is not positive, or the start or its errors are not finite.
-    """
-    _require_positive(difference=difference, tolerance=tolerance, iterations=iterations)
-    start = np.asarray(start, dtype=float)
-    if not np.isfinite(start).all():
-        raise ValueError("start has entries that are not finite")
-
-    def errors(k):
-        return np.asarray(simulated_errors(k.reshape(start.shape)), dtype=float)
-
-    def linear(k):
-        apart = difference * np.eye(k.size)
-        errors_around = np.array([errors(point) for point in np.concatenate([[k], k + apart, k - apart])])
-        return errors_around[0], (errors_around[1 : k.size + 1] - errors_around[k.size + 1 :]).T / (2 * difference)
-
-    first = errors(start.ravel())
-    if first.ndim != 1 or not np.isfinite(first).all():
-        raise ValueError("simulated_errors must return a vector, and a finite one at the start")
-    tuning = _least_squares(errors, linear, start.ravel(), 0.0, tolerance, iterations)
-    return tuning._replace(k=tuning.k.reshape(start.shape))
-
-
-def rank(candidates, simulated_errors):
-    """Order candidates by the norm of their simulated errors; those with errors that are not finite come last.
-
-    The linear sensitivity does not tell gains apart that all null it; the size of their linear domain does.
-
-    Args:
-        candidates: sequence of gains.
-        simulated_errors: function of one candidate that returns its errors.
-
-    Returns:
-        Indices of the candidates, best first; candidates of equal norm keep their order.
-    """
-    norms = np.full(len(candidates), np.inf)
-    for i, candidate in enumerate(candidates):
-        errors = np.asarray(simulated_errors(candidate), dtype=float)
-        if np.isfinite(errors).all():
-            norms[i] = np.linalg.norm(errors)
-    return np.argsort(norms, kind="stable")
-
-
-class _NotFiniteError(Exception):
-    """Errors beside a point of the search are not finite, so that it cannot be linearised there."""
+    return GainDesign(k.reshape(problem.gain_shape), final_errors(problem, k), steps, converged, reason)
 
 
 def _require_positive(**values):
@@ -362,35 +283,6 @@ def _closed(problem, k) -> _ClosedLoop:
     return _ClosedLoop(matrices, control, transitions, sensitivity)
 
 
-def _errors(problem, k):
-    """Final errors as a vector, (p c,)."""
-    return final_errors(problem, k).ravel()
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def _linear(problem, k):
-    r"""Final errors as a vector, (p c,), and their exact derivative with respect to the gains, (p c, m f).
-
-    A gain acts as a forcing $B_a x_i$ at the points of the scheme, for the midpoint rule on the mean
-    $(S_k + S_{k+1}) / 2$:
-
-        $\frac{dE}{dk_{ai}} = \sum_k L_{k+1} R_{k,a} \frac{(S_k + S_{k+1})_i}{2} \cdot
-          \frac{\text{control_scale}_a}{\text{state_scale}_i}$
-
-    with the adjoint rows $L$ of the outputs and the responses $R$ of the closed loop to the controls. For other schemes
-    the sum goes over their points as well.
-    """
-    loop, scheme, step = _closed(problem, k), problem.scheme, problem.step
-    rows = adjoint_rows(loop.transitions, problem.outputs)[1:, np.newaxis]
-    to_outputs = rows @ scheme_responses(scheme, loop.matrices, loop.control, step)
-    measured_columns = scheme_columns(scheme, loop.matrices, loop.sensitivity, step)[:, :, problem.fed_back]
-    # Points of all intervals are counted one after the other.
-    to_outputs, measured_columns = (part.reshape(-1, *part.shape[2:]) for part in (to_outputs, measured_columns))
-    slope = np.einsum("kpa,kic->pcai", to_outputs, measured_columns) * _unit(problem)
-    errors = problem.outputs @ loop.sensitivity[-1]
-    return errors.ravel(), slope.reshape(errors.size, -1)
-
-
 def _search_outcome(errors, slope, length, tolerance, steps):
     """Whether a search for null errors succeeded, and a sentence on why it ended."""
     if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
@@ -405,45 +297,3 @@ def _search_outcome(errors, slope, length, tolerance, steps):
             f"the Jacobian of {errors.size} errors has rank {rank_of_slope} of {full_rank} here"
         )
     return True, "the errors are null and the gains the smallest of the linearised solutions"
-
-
-def _design(problem, k, converged, reason, iterations):
-    """The result of a search over the gains of a problem."""
-    return GainDesign(k.reshape(problem.gain_shape), final_errors(problem, k), iterations, converged, reason)
-
-
-def _least_squares(errors, linear, start, weight, tolerance, iterations):
-    """Minimise |r|^2 + w |k|^2 from errors(k) = r and linear(k) = (r, dr/dk); the gains are one vector."""
-    from scipy.optimize import least_squares
-
-    penalty = np.sqrt(weight)
-    points = [start.copy()]
-
-    def derivative(k):
-        slope = linear(k)[1]
-        if not np.isfinite(slope).all():
-            raise _NotFiniteError
-        if (k != points[-1]).any():
-            points.append(k.copy())
-        return np.concatenate([slope, penalty * np.eye(k.size)])
-
-    try:
-        result = least_squares(
-            lambda k: np.concatenate([errors(k), penalty * k]),
-            start,
-            jac=derivative,
-            xtol=tolerance,
-            ftol=None,
-            gtol=None,
-            max_nfev=iterations,
-        )
-    except _NotFiniteError:
-        converged, reason = False, f"errors beside the gains of step {len(points) - 1} are not finite"
-    else:
-        converged = result.status > 0
-        reason = (
-            f"the gains change by less than {tolerance:.3g} of their norm"
-            if converged
-            else f"the gains still change after {iterations} trial steps"
-        )
-    return Tuning(points[-1], errors(points[-1]), len(points) - 1, converged, reason)

@@ -35,7 +35,6 @@ from marsedl.methods.covariance_steering.steering_program import (
     diagonal_blocks,
     margins,
     stacked,
-    upper_quantile,
 )
 from marsedl.summaries import summary
 

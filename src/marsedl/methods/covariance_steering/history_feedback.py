@@ -6,7 +6,8 @@ the root of S is not causal and can be ill-conditioned, and where P_0 = 0 the fi
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.steering_program import stacked, upper_quantile
+from marsedl.methods.covariance_steering.chance import upper_quantile
+from marsedl.methods.covariance_steering.steering_program import stacked
 
 __all__ = ["feedback_gain", "history_program"]
 

@@ -2,39 +2,35 @@
 
 Problem 1 is convex in (P_k, K_k P_k). For fixed multipliers its Lagrangian is the cost of an unconstrained LQG problem
 (Theorem III.1), so a Riccati sweep evaluates the Lagrange dual, a covariance sweep its gradient, and the dual value
-certifies the gains that it finds. Two other formulations check it: a semidefinite program, and the search over LQG
-weights of the paper.
+certifies the gains that it finds.
 
 The control is scalar. States may have any unit: with a scalar control the Riccati and covariance sweeps consist of
 products, sums of like units and one division, so scaling the states changes nothing but rounding; the multipliers are
-updated by factors, so neither does scaling controls or cost. Only the two other formulations need scaled unknowns.
+updated by factors, so neither does scaling controls or cost.
 """
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from marsedl.methods.checks import require_array, require_positive, require_shape
-from marsedl.methods.conic import optimum
 from marsedl.methods.lincov import propagate
 from marsedl.methods.linear_system import LinearSystem
 from marsedl.summaries import summary
 
 __all__ = [
     "ChanceConstrainedProblem",
-    "ConeProgram",
     "InfeasibleProblem",
     "Solution",
-    "WeightSearch",
-    "bryson_weights",
+    "checked",
+    "cost_of",
+    "limit_ratios",
     "lqg_gains",
     "lqg_gains_as_printed",
     "noise_floor",
+    "open_loop_cost",
     "solve",
-    "solve_cone_program",
-    "solve_over_weights",
     "variances",
 ]
 
@@ -48,7 +44,7 @@ _ROUNDING = 1e-13
 _FINAL_STEP, _CONTROL_STEP = 0.5, 0.8
 # Terms that final limits may add to the Lagrangian, over the cost, before they are taken to have no bound.
 _DIVERGED = 1e12
-# Excess over a limit that the paper's route may have and still count as a solution.
+# Excess of a variance over its limit, relative, from which on the limit is questioned.
 _ACCEPTED_EXCESS = 1e-3
 
 
@@ -89,27 +85,6 @@ class Solution(NamedTuple):
     complementarity: float  # largest |multiplier * (limit^2 - variance)|, relative to the cost
     iterations: int  # Riccati and covariance sweeps
     status: str  # "optimal", or a sentence that says what was not reached
-
-    __repr__ = summary
-
-
-class ConeProgram(NamedTuple):
-    """Optimum of the semidefinite program."""
-
-    cost: float
-    status: str  # of the solver
-    iterations: int  # of the solver
-
-
-class WeightSearch(NamedTuple):
-    """End of the search over LQG weights; it may have failed."""
-
-    gain: np.ndarray  # K_k, (N, n)
-    cost: float
-    worst_ratio: float  # largest standard deviation over its limit
-    evaluations: int  # Riccati and covariance sweeps
-    success: bool  # the optimizer converged and no limit is exceeded by more than 0.1 %
-    status: str  # the optimizer's message
 
     __repr__ = summary
 
@@ -220,7 +195,7 @@ def solve(problem, tolerance=1e-8):
         InfeasibleProblem: if the limits on the final state cannot be met with the limits on the control.
         ValueError: if an argument has a wrong shape, is not finite or not positive, or the objective has no variance.
     """
-    problem = _checked(problem)
+    problem = checked(problem)
     objective_weight = np.outer(problem.objective, problem.objective)
     floor = noise_floor(problem.system, problem.objective)
     final, control, iterations, converged = _ascend(problem, objective_weight, floor, tolerance)
@@ -231,8 +206,8 @@ def solve(problem, tolerance=1e-8):
     )
     covariance, control_variance = variances(problem, gain)
     final_square, control_square = problem.final_limits**2, problem.control_limits**2
-    final_ratio, control_ratio = _ratios(problem, covariance[-1], control_variance)
-    cost = _cost(problem, covariance[-1], control_variance)
+    final_ratio, control_ratio = limit_ratios(problem, covariance[-1], control_variance)
+    cost = cost_of(problem, covariance[-1], control_variance)
     dual_value = _lagrangian_value(problem, value) - final @ final_square - control @ control_square
     slack = np.concatenate([final * final_square * (1 - final_ratio), control * control_square * (1 - control_ratio)])
     return Solution(
@@ -254,164 +229,6 @@ def solve(problem, tolerance=1e-8):
     )
 
 
-def solve_cone_program(problem, reference):
-    r"""Solve Problem 1 as a semidefinite program with Clarabel, without any Riccati equation.
-
-        $\text{minimize} \quad a^\top P_N a + \sum_k R_k z_k \quad \text{subject to} \quad \left[ P_k, \, Y_k^\top; \;
-          Y_k, \, z_k \right] \succeq 0, \quad z_k \le U_k^2,$
-        $P_{k+1} = A P_k A^\top + A Y_k^\top B^\top + B Y_k A^\top + B z_k B^\top + G G^\top, \quad d_i^\top P_N d_i \le
-          D_i^2$
-
-    $Y = K P$, and $z$ bounds $K P K^\top$; the relaxation is lossless. A singular $P_0 = L L^\top$ leaves
-    $Y_0 = q^\top L^\top$, $z_0 \ge q^\top q$.
-
-    Args:
-        problem: `ChanceConstrainedProblem` of some dozens of intervals.
-        reference: `Solution` of the same problem, used only for units: the deviations of $P_k$, and the cost.
-
-    Returns:
-        `ConeProgram`; its status may be "optimal_inaccurate".
-
-    Raises:
-        RuntimeError: if the solver does not return an optimum.
-        ValueError: as `solve`.
-    """
-    import cvxpy
-
-    problem = _checked(problem)
-    n, unit = len(problem.objective), reference.cost
-    deviation = np.sqrt(np.diagonal(reference.covariance, axis1=1, axis2=2))
-    scale = np.where(deviation > 0, deviation, problem.state_scale)
-    rows, columns = np.triu_indices(n)
-    limits = problem.control_limits
-
-    covariance, effort, constraints = problem.initial_covariance / np.outer(scale[0], scale[0]), [], []
-    for k, (transition, control, noise) in enumerate(zip(*problem.system[:3], strict=True)):
-        across = transition * scale[k] / scale[k + 1][:, None]
-        effect = control * limits[k] / scale[k + 1][:, None]
-        after = across @ covariance @ across.T + noise / np.outer(scale[k + 1], scale[k + 1])
-        if control.any():
-            if k == 0:
-                variances, vectors = np.linalg.eigh(covariance)
-                positive = variances > 1e-14 * variances[-1]
-                root = vectors[:, positive] * np.sqrt(variances[positive])
-                response, variance = cvxpy.Variable((root.shape[1], 1)), cvxpy.Variable((1, 1))
-                cross = root @ response
-                constraints.append(cvxpy.sum_squares(response) <= variance)
-            else:
-                moment = cvxpy.Variable((n + 1, n + 1), PSD=True)
-                constraints.append(moment[rows, columns] == covariance[rows, columns])
-                covariance, cross, variance = moment[:n, :n], moment[:n, n:], moment[n:, n:]
-                after = across @ covariance @ across.T + noise / np.outer(scale[k + 1], scale[k + 1])
-            mixed = across @ cross @ effect.T
-            after = after + mixed + mixed.T + effect @ variance @ effect.T
-            constraints.append(variance <= 1)
-            effort.append(problem.control_weight[k] * limits[k] ** 2 / unit * variance[0, 0])
-        covariance = after
-    objective = problem.objective * scale[-1] / np.sqrt(unit)
-    directions = problem.final_directions * scale[-1] / problem.final_limits[:, None]
-    constraints += [direction @ covariance @ direction <= 1 for direction in directions]
-    program = cvxpy.Problem(cvxpy.Minimize(objective @ covariance @ objective + sum(effort)), constraints)
-    what = f"semidefinite program of {len(limits)} intervals"
-    outcome = optimum(program, what, accept_inaccurate=True)
-    return ConeProgram(float(program.value * unit), outcome.status, outcome.iterations)
-
-
-def bryson_weights(problem):
-    """Weights by Bryson's rule: every variance divided by its squared limit, that of the objective by its noise floor.
-
-    Args:
-        problem: `ChanceConstrainedProblem`; without a noise floor the open-loop value of its objective stands for it.
-
-    Returns:
-        Q (n, n) and R (N,).
-    """
-    objective_weight = np.outer(problem.objective, problem.objective)
-    final_weight = _spread(problem.final_directions, problem.final_limits**-2)
-    return objective_weight / _cost_unit(problem) + final_weight, problem.control_limits**-2
-
-
-def solve_over_weights(problem, start=None):
-    """Search for the LQG weights that solve Problem 1 by sequential quadratic programming (Corollary III.2).
-
-    Unknowns: Q = T D T' for states divided by `state_scale`, T unit lower triangular with plain entries, D = 10^q
-    diagonal, which are n (n + 1) / 2 numbers, and log10 R_k where B_k != 0. Gains follow from Eq. 55, derivatives from
-    forward differences. The search is not convex: from unlucky starts it ends far from the optimum, or outside the
-    limits.
-
-    Args:
-        problem: `ChanceConstrainedProblem` of some dozens of intervals.
-        start: Q (n, n) and R (N,) to begin with; `bryson_weights` without it.
-
-    Returns:
-        `WeightSearch`: the gains at which the search ended, whether it succeeded or not.
-
-    Raises:
-        ValueError: as `solve`.
-    """
-    from scipy.optimize import minimize
-
-    problem = _checked(problem)
-    system, scale = problem.system, problem.state_scale
-    intervals, n, _ = system.control.shape
-    free, lower = system.control.any(axis=(1, 2)), np.tril_indices(n, -1)
-    unit = _cost_unit(problem)
-    start = bryson_weights(problem) if start is None else start
-    evaluations = 0
-
-    def weights(unknown):
-        factor, control_weight = np.eye(n), np.ones(intervals)
-        factor[lower] = unknown[n : n + len(lower[0])]
-        control_weight[free] = 10 ** unknown[n + len(lower[0]) :]
-        return (factor * 10 ** unknown[:n]) @ factor.T / np.outer(scale, scale), control_weight
-
-    def evaluate(unknown):
-        nonlocal evaluations
-        evaluations += 1
-        gain, _ = lqg_gains(system, *weights(unknown))
-        covariance, control_variance = variances(problem, gain)
-        cost = _cost(problem, covariance[-1], control_variance)
-        return gain, cost, np.concatenate(_ratios(problem, covariance[-1], control_variance))
-
-    # The optimizer asks for the cost, the limits and their derivatives one after the other at the same point.
-    @lru_cache(maxsize=2)
-    def outputs(key):
-        _, cost, ratios = evaluate(np.frombuffer(key))
-        return np.concatenate([[cost / unit], 1 - ratios])
-
-    @lru_cache(maxsize=2)
-    def derivatives(key):
-        unknown, base = np.frombuffer(key), outputs(key)
-        steps = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(unknown), 1)
-        perturbed = [outputs((unknown + row).tobytes()) for row in np.diag(steps)]
-        # SciPy 1.17's SLSQP misreads a Jacobian that is not in C order.
-        return np.ascontiguousarray((np.array(perturbed) - base).T / steps)
-
-    weight, control_weight = np.asarray(start[0]) * np.outer(scale, scale), np.asarray(start[1], dtype=float)
-    # A singular start has no logarithm.
-    triangular = np.linalg.cholesky(weight + 1e-9 * np.trace(weight) * np.eye(n))
-    root = np.diag(triangular)
-    unknown = np.concatenate([2 * np.log10(root), (triangular / root)[lower], np.log10(control_weight[free])])
-    result = minimize(
-        lambda unknown: outputs(unknown.tobytes())[0],
-        unknown,
-        jac=lambda unknown: derivatives(unknown.tobytes())[0],
-        constraints={
-            "type": "ineq",
-            "fun": lambda unknown: outputs(unknown.tobytes())[1:],
-            "jac": lambda unknown: derivatives(unknown.tobytes())[1:],
-        },
-        # Wide enough for every reasonable weight, and without overflow.
-        bounds=[(entry - 15, entry + 15) for entry in unknown],
-        method="SLSQP",
-        options={"maxiter": 300, "ftol": 1e-7},
-    )
-    gain, cost, ratios = evaluate(result.x)
-    worst = float(np.sqrt(ratios.max()))
-    success = bool(result.success) and worst <= 1 + _ACCEPTED_EXCESS
-    return WeightSearch(gain, cost, worst, evaluations, success, str(result.message))
-
-
 def _ascend(problem, base_weight, floor, tolerance):
     """Maximize the dual of the cost tr(base_weight P_N) + sum_k R_k Var(u_k), of which feedback cannot change `floor`.
 
@@ -421,7 +238,7 @@ def _ascend(problem, base_weight, floor, tolerance):
     system, m, intervals = problem.system, len(problem.final_limits), len(problem.control_limits)
     square = np.concatenate([problem.final_limits, problem.control_limits]) ** 2
     free = np.concatenate([np.ones(m, bool), system.control.any(axis=(1, 2))])
-    multiplier = np.where(free, 1e-3 * _open_loop_cost(problem, base_weight) / square, 0.0)
+    multiplier = np.where(free, 1e-3 * open_loop_cost(problem, base_weight) / square, 0.0)
     power = np.repeat([_FINAL_POWER, _CONTROL_POWER], [m, intervals])
     longest = np.repeat([_FINAL_STEP, _CONTROL_STEP], [m, intervals])
     previous, counted = np.zeros(m + intervals), np.empty(m + intervals)
@@ -434,7 +251,7 @@ def _ascend(problem, base_weight, floor, tolerance):
         )
         covariance, control_variance = variances(problem, gain)
         cost = np.sum(base_weight * covariance[-1]) + problem.control_weight @ control_variance
-        ratio = np.concatenate(_ratios(problem, covariance[-1], control_variance))
+        ratio = np.concatenate(limit_ratios(problem, covariance[-1], control_variance))
         terms = multiplier[:m] * square[:m]
         worst, slack = _update(
             multiplier, ratio, square, free, problem.control_weight, cost, power, previous, longest, counted
@@ -515,7 +332,7 @@ def _least_variance(problem, weight):
     """Lower bound of tr(weight P_N) over all feedback that meets the limits on the control."""
     intervals, n, _ = problem.system.control.shape
     # The recursion needs a weight of the control; this one can cost 1e-9 of the open-loop variance at most.
-    price = 1e-9 * _open_loop_cost(problem, weight) / intervals
+    price = 1e-9 * open_loop_cost(problem, weight) / intervals
     bare = problem._replace(
         final_directions=np.empty((0, n)),
         final_limits=np.empty(0),
@@ -531,20 +348,31 @@ def _lagrangian_value(problem, value):
     return float(np.sum(value[1:] * problem.system.noise) + np.sum(value[0] * problem.initial_covariance))
 
 
-def _cost_unit(problem):
-    """The noise floor of the objective, or its open-loop value where there is no floor."""
-    objective_weight = np.outer(problem.objective, problem.objective)
-    return noise_floor(problem.system, problem.objective) or _open_loop_cost(problem, objective_weight)
+def open_loop_cost(problem, weight):
+    """Cost tr(weight P_N) of a problem without any control.
 
+    Args:
+        problem: `ChanceConstrainedProblem`.
+        weight: symmetric, (n, n).
 
-def _open_loop_cost(problem, weight):
-    """tr(weight P_N) without any control."""
+    Returns:
+        Cost, in the unit of the weighted variances.
+    """
     covariance, _ = variances(problem, np.zeros(problem.system.control.shape[:2]))
     return float(np.sum(weight * covariance[-1]))
 
 
-def _cost(problem, final_covariance, control_variance):
-    """Var(a'x_N) + sum_k R_k Var(u_k) (Eq. 53)."""
+def cost_of(problem, final_covariance, control_variance):
+    """Var(a'x_N) + sum_k R_k Var(u_k) (Eq. 53) of any feedback, as `lincov.propagate` gives it.
+
+    Args:
+        problem: `ChanceConstrainedProblem`.
+        final_covariance: P_N, (n, n).
+        control_variance: Var(u_k), (N,).
+
+    Returns:
+        Cost, in the unit of Var(a'x).
+    """
     return float(problem.objective @ final_covariance @ problem.objective + problem.control_weight @ control_variance)
 
 
@@ -558,8 +386,17 @@ def _spread(directions, weights):
     return directions.T @ (weights[:, None] * directions)
 
 
-def _ratios(problem, final_covariance, control_variance):
-    """Variances over squared limits, (m,) and (N,)."""
+def limit_ratios(problem, final_covariance, control_variance):
+    """Variances over the squares of their limits: at most one where a limit is met.
+
+    Args:
+        problem: `ChanceConstrainedProblem`.
+        final_covariance: P_N, (n, n).
+        control_variance: Var(u_k), (N,).
+
+    Returns:
+        Ratios of the final state (m,) and of the controls (N,).
+    """
     final = np.einsum("mi,ij,mj->m", problem.final_directions, final_covariance, problem.final_directions)
     return final / problem.final_limits**2, control_variance / problem.control_limits**2
 
@@ -574,8 +411,12 @@ def _weights(system, final_weight, control_weight):
     return final_weight, control_weight
 
 
-def _checked(problem):
-    """The problem with arrays of floats, after a look at every field."""
+def checked(problem):
+    """The problem with arrays of floats, after a look at every field.
+
+    Raises:
+        ValueError: if a field has a wrong shape, is not finite or not positive, or the objective has no variance.
+    """
     system = LinearSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
     problem_fields = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
     require_shape("system.control", system.control, ("N", "n", 1))
@@ -598,7 +439,7 @@ def _checked(problem):
     for name in ("control_weight", "final_limits", "control_limits", "state_scale"):
         require_positive(name, problem_fields[name])
     problem = ChanceConstrainedProblem(system, **problem_fields)
-    if not _open_loop_cost(problem, np.outer(problem.objective, problem.objective)) > 0:
+    if not open_loop_cost(problem, np.outer(problem.objective, problem.objective)) > 0:
         raise ValueError("objective: its final variance is zero without any control, so there is nothing to minimize")
     return problem
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.checks import require_array
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.linear_system import Covariances
 from marsedl.models.correlations import correlations
 from marsedl.summaries import summary
@@ -29,7 +30,6 @@ __all__ = [
     "diagonal_blocks",
     "margins",
     "stacked",
-    "upper_quantile",
 ]
 
 
@@ -143,6 +143,9 @@ class SteeringProgram:
 
         $\text{minimize} \quad \sum_{k < N} \left\{ \text{E}\left[ (x_k - x_k^\text{d})^\top Q_k (x_k - x_k^\text{d}) +
           \tilde{u}_k^\top R_k \tilde{u}_k \right] + v_k^\top \bar{R}_k v_k \right\} + \eta \max_i \gamma_i$
+
+    `control_trust` limits every component of $v_k - \hat{u}_k$ alone (a maximum norm). Of one control that is Eq. 54;
+    of m controls it lets a change be up to $\sqrt{m}$ times as long as the norm of Eq. 54 with a unit weight does.
 
     Raises:
         ValueError: naming the field, if a shape does not fit, a value is not finite, a step lies outside the program,
@@ -269,22 +272,6 @@ class Margin(NamedTuple):
     value: float  # of the quantity
     limit: float  # it must not exceed this
     excess: float  # (value - limit) over the size of the constraint: 0 if active, positive if violated
-
-
-def upper_quantile(probability):
-    r"""The number of standard deviations that a Gaussian exceeds with a given probability.
-
-        $\text{cdfn}^{-1}(1 - p) \quad \text{(random field, Eqs. 44, 45 and 52)}$
-
-    Args:
-        probability: p in (0, 1), scalar or array.
-
-    Returns:
-        Factor of the standard deviation.
-    """
-    from scipy.special import ndtri
-
-    return -ndtri(np.asarray(probability, dtype=float))
 
 
 def stacked(system):

@@ -1,4 +1,4 @@
-"""Largest value of a smooth function on a product of unit spheres and balls: random starts, Newton steps on the best.
+"""Largest value of a smooth function on a product of unit spheres and balls: many starts, Newton steps on the best.
 
 What is found is the value at a point that can be shown, so it bounds the largest value from below: it tells how tight a
 bound from above is, and it shows where one fails. It never proves a bound.
@@ -14,7 +14,7 @@ _FRACTIONS = 2.0 ** -np.arange(10)  # of the Newton step, tried all at once
 _DIFFERENCE = 2e-4  # step of the differences: rounding of second differences and truncation of first ones are near 1e-8
 
 
-def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=10, iterations=12):
+def maximize(function, dimensions, starts, full_ball=None, polished=10, iterations=12):
     r"""Local maxima of a function on a product of unit spheres and balls by multi-start Newton ascent, and their best.
 
         $d = \sum_i u_i \frac{u_i^\top g}{\max\left( \left| \lambda_i \right|, \delta \right)}, \quad H = P \left( D^2 f
@@ -28,9 +28,8 @@ def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=1
     Args:
         function: maps points (m, v) to values (m,), defined near the set too.
         dimensions: of the blocks of variables, with sum v; each block lies on its unit sphere or in its unit ball.
-        seed: of the random starts.
+        starts: points of the set from which the best are taken, most often random ones, (count, v).
         full_ball: True for each block that may lie inside its ball; none by default.
-        starts: random points from which the best are taken.
         polished: starts that are ascended.
         iterations: Newton steps, at most.
 
@@ -38,14 +37,17 @@ def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=1
         (best value, best point (v,)).
 
     Raises:
-        ValueError: if blocks, flags or counts make no sense, or the function is not finite at a random start.
+        ValueError: if blocks, flags, starts or counts make no sense, or the function is not finite at a start.
     """
     blocks, balls = _blocks(dimensions, full_ball)
-    if not 1 <= polished <= starts or iterations < 0:
-        raise ValueError(f"expected 1 <= polished <= starts and iterations >= 0: {polished}, {starts}, {iterations}")
-    points = _random_points(blocks, balls, starts, np.random.Generator(np.random.Philox(seed)))
+    points = np.asarray(starts, dtype=float)
+    if points.ndim != 2 or points.shape[1] != blocks[-1].stop:
+        raise ValueError(f"starts must be rows of {blocks[-1].stop} coordinates, got shape {points.shape}")
+    count = len(points)
+    if not 1 <= polished <= count or iterations < 0:
+        raise ValueError(f"expected 1 <= polished <= starts and iterations >= 0: {polished}, {count}, {iterations}")
     values = np.asarray(function(points), dtype=float)
-    require_values("the function", values, starts)
+    require_values("the function", values, count)
     best = np.argsort(-values, kind="stable")[:polished]
     points, values = points[best], values[best]
     for _ in range(iterations):
@@ -70,16 +72,6 @@ def _blocks(dimensions, full_ball):
         raise ValueError(f"expected positive dimensions and one flag for each: {dimensions}, {balls}")
     ends = np.cumsum(dimensions)
     return [slice(end - size, end) for size, end in zip(dimensions, ends, strict=True)], balls
-
-
-def _random_points(blocks, balls, count, generator):
-    """Uniform points of the set (count, v)."""
-    points = generator.standard_normal((count, blocks[-1].stop))
-    for block, ball in zip(blocks, balls, strict=True):
-        points[:, block] /= np.linalg.norm(points[:, block], axis=1, keepdims=True)
-        if ball:
-            points[:, block] *= generator.random((count, 1)) ** (1 / (block.stop - block.start))
-    return points
 
 
 def _retract(points, blocks, balls):

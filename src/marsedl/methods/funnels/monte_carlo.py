@@ -3,58 +3,11 @@
 import numpy as np
 
 __all__ = [
-    "boundary_deviations",
     "fly",
     "greedy_additive",
     "greedy_disturbance",
     "quadratic_values",
-    "uniform_directions",
 ]
-
-
-def uniform_directions(generator, count, dimension):
-    """Points uniform on the unit sphere.
-
-    Args:
-        generator: `np.random.Generator`.
-        count: number m of points.
-        dimension: number of coordinates n.
-
-    Returns:
-        Array (m, n).
-    """
-    normal = generator.standard_normal((count, dimension))
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def boundary_deviations(value_matrix, level, directions):
-    r"""Points of the boundary $x^\top P x / 2 = \rho$ of an ellipsoid (robust entry funnels, Eqs. 26 and 27).
-
-        $x = \sqrt{2 \rho} L^{-\top} y, \quad P = L L^\top$
-
-    The paper leaves out $P$ and $\rho$, which puts the points on the ellipsoid of $P = I$, $\rho = 1$ only.
-
-    Args:
-        value_matrix: P, (nx, nx), symmetric and positive definite.
-        level: $\rho$, 1.
-        directions: y, (m, nx), of norm 1 for points on the boundary.
-
-    Returns:
-        x, (m, nx).
-
-    Raises:
-        ValueError: if P is not positive definite, or $\rho$ is negative.
-    """
-    from scipy.linalg import solve_triangular
-
-    if not level >= 0:
-        raise ValueError(f"the level of an ellipsoid must not be negative, but it is {level}")
-    try:
-        factor = np.linalg.cholesky(value_matrix)
-    except np.linalg.LinAlgError:
-        least = np.linalg.eigvalsh(value_matrix)[0]
-        raise ValueError(f"the matrix of an ellipsoid has the eigenvalue {least:.3g}; all must be positive") from None
-    return np.sqrt(2 * level) * solve_triangular(factor, np.transpose(directions), lower=True, trans="T").T
 
 
 def quadratic_values(value_matrix, deviations):

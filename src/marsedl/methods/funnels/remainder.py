@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from marsedl.methods.funnels.recursion import FunnelError
-from marsedl.methods.funnels.stage import cholesky_factor
+from marsedl.methods.funnels.stage import cholesky_factor, spread_of
 from marsedl.methods.sos.sampled_program import absorb_residual, rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor_model import Monomials, TaylorModel, variables
@@ -149,7 +149,7 @@ def enclosed_growths(loop, first, nodes, shape, next_shapes, rho, order=3, model
     monomials = Monomials.of(_balls(loop), order + 1)
     growths = []
     for flow, next_shape in zip(_enclosures(loop, first, nodes, shape, rho, model_order), next_shapes, strict=True):
-        whitening = _factor(next_shape, rho).T / np.sqrt(2.0 * rho)
+        whitening = cholesky_factor(next_shape).T / np.sqrt(2.0 * rho)
         square = _squared_norm(_combinations(whitening, flow), model_order + 1)
         growths.append(
             EnclosedGrowth(
@@ -280,7 +280,7 @@ def _enclosures(loop, first, nodes, shape, rho, order):
     """Enclosures of the flow at several nodes after a slice."""
     coordinates = variables(_balls(loop), order)
     disturbance = coordinates[loop.dimension :]
-    deviation = _combinations(_spread(shape, rho), coordinates[: loop.dimension])
+    deviation = _combinations(spread_of(shape, rho), coordinates[: loop.dimension])
     flows = []
     for node in nodes:
         deviation = loop.flow(first, int(node), deviation, disturbance)
@@ -315,18 +315,6 @@ def _squared_norm(components, order):
 
 def _balls(loop):
     return (loop.dimension, loop.disturbances) if loop.disturbances else (loop.dimension,)
-
-
-def _spread(shape, rho):
-    """Matrix of xb = sqrt(2 rho_k) L_k^-T y."""
-    return np.sqrt(2.0 * rho) * np.linalg.inv(_factor(shape, rho)).T
-
-
-def _factor(shape, rho):
-    """Lower Cholesky factor, with checks."""
-    if not rho > 0.0:
-        raise ValueError(f"the level of an ellipsoid must be positive, not {rho}")
-    return cholesky_factor(shape, "the shape of a slice")
 
 
 def _combinations(matrix, components):

@@ -10,7 +10,7 @@ from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.taylor import Series
 from marsedl.summaries import summary
 
-__all__ = ["FunnelStage", "cholesky_factor", "lyapunov_rate"]
+__all__ = ["FunnelStage", "cholesky_factor", "lyapunov_rate", "spread_of"]
 
 _CONDITIONS = ("flow", "euler")
 
@@ -92,10 +92,10 @@ class FunnelStage:
     @cached_property
     def spread(self):
         """Matrix S of xb = S y, (nx, nx): sqrt(2 rho_k) L_k^-T, or sqrt(2) diag(scale) of the literal samples."""
-        factor = cholesky_factor(self.shape, f"P at fine step {self.first}")
+        spread = spread_of(self.shape, self.rho, f"P at fine step {self.first}")
         if self.raw_scale is not None:
             return np.sqrt(2) * np.diag(np.asarray(self.raw_scale, dtype=float))
-        return np.sqrt(2 * self.rho) * np.linalg.inv(factor).T
+        return spread
 
     @cached_property
     def next_factor(self):
@@ -181,6 +181,29 @@ def lyapunov_rate(loop, half_index, shape, shape_rate, deviations, disturbances)
     rates = loop.error_rates(half_index, list(deviations.T), list(disturbances.T))
     forces = shape @ np.array(np.broadcast_arrays(*rates)) + shape_rate @ deviations.T / 2
     return np.sum(forces * deviations.T, axis=0)
+
+
+def spread_of(matrix, level, name="P"):
+    r"""The matrix that takes the unit sphere to the boundary $x^\top P x / 2 = \rho$ of an ellipsoid (Eqs. 26 and 27).
+
+        $x = S y, \quad S = \sqrt{2 \rho} L^{-\top}, \quad P = L L^\top, \quad |y| = 1$
+
+    The paper leaves out $P$ and $\rho$, which puts the points on the ellipsoid of $P = I$, $\rho = 1$ only.
+
+    Args:
+        matrix: P, (n, n).
+        level: $\rho$, 1.
+        name: what an error calls P.
+
+    Returns:
+        S, (n, n).
+
+    Raises:
+        ValueError: as `cholesky_factor`, or if the level is not positive.
+    """
+    if not level > 0:
+        raise ValueError(f"the level of an ellipsoid must be positive, not {level}")
+    return np.sqrt(2 * level) * np.linalg.inv(cholesky_factor(matrix, name)).T
 
 
 def cholesky_factor(matrix, name="P"):

@@ -13,7 +13,7 @@ from marsedl.methods import sensitivity_gains
 from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import propagate_columns
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import entry_problem, environment, flight
+from marsedl.papers.desensitized import entry_problem, environment, flight, gain_search
 from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, gain_scale, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Inputs, Planet, Vehicle
 from marsedl.papers.desensitized.linearization import model, position_columns, position_rows, transitions
@@ -78,7 +78,7 @@ def channel_gains(given: Inputs, linearization: Linearization, plain: Law, chann
     planet, design, number = given.planet, given.design, CHANNELS.index(channel)
     if design.gain_design == "regularized":
         problem = gain_problem(planet, design, linearization, position_columns(planet)[:, [number]])
-        return sensitivity_gains.regularized(problem, design.all_columns_regularization)[-1]
+        return gain_search.regularized(problem, design.all_columns_regularization)[-1]
     least = least_gains(given, linearization, channel)
     if design.gain_design != "tuned":
         return least
@@ -108,7 +108,7 @@ def least_gains(given: Inputs, linearization, channel):
 
 
 def with_gains(law: Law, design) -> Law:
-    """A law with the gains of a search, a `sensitivity_gains.GainDesign` or `Tuning`."""
+    """A law with the gains of a search, a `sensitivity_gains.GainDesign` or `gain_search.Tuning`."""
     return law._replace(
         scaled_gain=np.ravel(design.k),
         iterations=design.iterations,
@@ -145,11 +145,11 @@ def tuned(given: Inputs, nominal_reference, channel, least):
     changes = normals(given.ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
     starts = [np.ravel(least), *(np.ravel(least) + design.tuning_spread * changes)]
     results = [
-        sensitivity_gains.tune(simulate, start, iterations=design.gain_iterations)
+        gain_search.tune(simulate, start, iterations=design.gain_iterations)
         for start in starts
         if np.isfinite(simulate(start)).all()
     ]
-    return [results[number] for number in sensitivity_gains.rank([result.k for result in results], simulate)]
+    return [results[number] for number in gain_search.rank([result.k for result in results], simulate)]
 
 
 def together(given: Inputs, nominal: Nominal, channel) -> Law:
@@ -180,7 +180,7 @@ def for_all_columns(given: Inputs, nominal: Nominal, linearization: Linearizatio
     planet, solver, design = given.planet, given.solver, given.design
     weights = design.all_columns_regularization
     problem = gain_problem(planet, design, linearization, position_columns(planet))
-    fixed = sensitivity_gains.regularized(problem, weights[:1], design.downrange_gain_start[np.newaxis])[0].k.ravel()
+    fixed = gain_search.regularized(problem, weights[:1], design.downrange_gain_start[np.newaxis])[0].k.ravel()
     extended = entry_problem.desensitized(
         given, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
     )

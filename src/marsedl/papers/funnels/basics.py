@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.methods.sos.variety import Spheres
+from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels.environment import DISTURBANCES, STATES
 from marsedl.replication.units import KM
 
@@ -15,6 +16,11 @@ LEVEL, HEAT_RATE = OBSERVED.index("level"), OBSERVED.index("heat_rate")
 BASIS_DEGREE = 2  # of the sums of squares: for the entry 43 polynomials, 406 samples
 SLICE = Spheres((len(STATES),))
 SPHERES = Spheres((len(STATES), DISTURBANCES))  # slice and boundary of the disturbances
+
+
+def random_points(spheres: Spheres, seed, stream, count):
+    """Points uniform on every sphere, (count, variables), from a stream of the package's random numbers."""
+    return spheres.project(normals(seed, stream, range(count), spheres.variables))
 
 
 def half_widths(ellipsoids):

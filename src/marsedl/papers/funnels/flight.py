@@ -13,6 +13,7 @@ import numpy as np
 
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import fly, greedy_additive, greedy_disturbance
+from marsedl.methods.funnels.stage import spread_of
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
@@ -73,7 +74,7 @@ def _at_nodes(loop, steps, level):
 def simulator(setting: Setting, draws: Draws):
     """Return the function `simulate_block(first, last)` of a case: it flies all trials of a block together."""
     loop = setting.loop
-    spread = np.sqrt(2.0 * setting.level[0]) * np.linalg.inv(np.linalg.cholesky(setting.shape[0])).T
+    spread = spread_of(setting.shape[0], setting.level[0])
 
     def simulate_block(first, last):
         trials = np.arange(first, last)

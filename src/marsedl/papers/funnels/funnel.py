@@ -11,10 +11,10 @@ from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward, l
 from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.sampled_program import rank_one
-from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
+from marsedl.montecarlo.streams import uniforms
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SLICE, SPHERES, random_points
 from marsedl.papers.funnels.environment import Air
 from marsedl.papers.funnels.inputs import Inputs, Recursion, Studies, Vehicle
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
@@ -23,7 +23,7 @@ from marsedl.replication.records.fields import finite
 
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
 # Streams of random numbers, all keyed by that of the design.
-CHECKS, TRUE_MAXIMUM, TIGHTNESS, SLICE_POINTS = range(1, 5)
+CHECKS, TRUE_MAXIMUM, TIGHTNESS, SLICE_POINTS, RADII = range(1, 6)
 ANGLES = 2001  # around the slice, for the heat rate: its maximum is off by less than a millionth
 CIRCLE = 72  # points of the slice that are drawn in Fig. 4
 MEMORY_FACTOR = 10.0
@@ -42,10 +42,9 @@ def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Funnel
     library_funnel, outcome = propagate(recursion, loop, gains, design, amplitudes)
     stages = described_stages(library_funnel, len(steps) - 1)
     level = _padded([gains.initial_level] if library_funnel is None else library_funnel.rho, len(steps))
-    with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
-        shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
-        slices = described_slices(given.vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
-        plane = fig4(given.studies, air, loop, steps, shape, shape_rate, level)
+    shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
+    slices = described_slices(given.vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
+    plane = fig4(given.studies, air, loop, steps, shape, shape_rate, level)
     return Funnel(
         outcome=outcome,
         step=steps,
@@ -111,15 +110,18 @@ def solver(recursion: Recursion):
 
 def true_maximum(recursion: Recursion):
     """The search for the largest value of the integrated motion on a slice, under any disturbance of the unit disc."""
+    seed, count = recursion.design_seed, recursion.ascent_starts
+    starts = random_points(SPHERES, seed, TRUE_MAXIMUM, count)
+    # The area of a disc grows with the square of the radius.
+    starts[:, SLICE.variables :] *= np.sqrt(uniforms(seed, RADII, range(count), 1))
 
     def search(stage, _):
         try:
             return maximize(
                 stage.true_values,
                 SPHERES.dimensions,
-                (recursion.design_seed, TRUE_MAXIMUM),
+                starts,
                 full_ball=(False, True),
-                starts=recursion.ascent_starts,
                 polished=recursion.ascent_polished,
                 iterations=recursion.ascent_iterations,
             )[0]
@@ -206,8 +208,7 @@ def largest_polynomial(recursion: Recursion, polynomial):
     value, _ = maximize(
         polynomial,
         SPHERES.dimensions,
-        (recursion.design_seed, TIGHTNESS),
-        starts=recursion.tightness_starts,
+        random_points(SPHERES, recursion.design_seed, TIGHTNESS, recursion.tightness_starts),
         polished=recursion.tightness_polished,
         iterations=recursion.tightness_iterations,
     )
@@ -221,8 +222,7 @@ def described_slices(
     vehicle: Vehicle, recursion: Recursion, air: Air, loop, linearization, steps, shape, shape_rate, level
 ):
     """Feedback, heat rate and rate of V on every slice."""
-    generator = np.random.Generator(np.random.Philox((recursion.design_seed, SLICE_POINTS)))
-    points = Spheres(SPHERES.dimensions[:1]).random_points(recursion.check_points, generator)
+    points = random_points(SLICE, recursion.design_seed, SLICE_POINTS, recursion.check_points)
     feedback, heat_rate, rising = [], [], []
     for step, matrix, rate, rho in zip(steps, shape, shape_rate, level, strict=True):
         gain = loop.gains[2 * step]
@@ -250,8 +250,9 @@ def largest_heat_rate(vehicle: Vehicle, air: Air, state, shape, level):
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
     outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
     altitude, velocity = state[[0, 3], np.newaxis] + outline
-    worst = environment.densest(air, altitude)
-    return finite(environment.heat_rate(vehicle, air, altitude, velocity, worst).max())
+    with np.errstate(over="ignore", invalid="ignore"):  # a wide slice leaves the range of the equations: not finite
+        worst = environment.densest(air, altitude)
+        return finite(environment.heat_rate(vehicle, air, altitude, velocity, worst).max())
 
 
 def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
@@ -261,10 +262,11 @@ def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
     density largest or least.
     """
     deviations = points @ (np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(shape)))
-    end = environment.densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
-    still, most, least = (
-        lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
-    )
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a wide slice leaves the equations' range
+        end = environment.densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
+        still, most, least = (
+            lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
+        )
     return np.array([finite(still), finite(np.maximum(most, least))])
 
 

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.models import density_variation, orbits, random_field
 from marsedl.papers.random_field import double_integrator as linear_example
 from marsedl.papers.random_field import environment, flight_statistics
@@ -628,14 +629,12 @@ def _grid(count, width, height, **shared):
 
 def _densities_of_delta_v(axes, gains, number, delta_v, limits):
     """Histogram of all trials, lost ones counted, with the normal density of linear covariance, and percentiles."""
-    from scipy.special import ndtri
-
     mean, deviation = gains.delta_v_mean[number], gains.delta_v_deviation[number]
     heights, edges = distribution(axes, delta_v, limits, (mean, deviation))
     percentile, error = flight_statistics.percentile_with_lost(delta_v.values, LEVEL)
     if np.isfinite(percentile):
         _mark_below_remarks(axes, percentile, limits, color=BLUE, linewidth=1.4, linestyle="-")
-    _mark_below_remarks(axes, mean + ndtri(LEVEL) * deviation, limits, color=BLACK, linewidth=1.4)
+    _mark_below_remarks(axes, mean + upper_quantile(1.0 - LEVEL) * deviation, limits, color=BLACK, linewidth=1.4)
     trial_count, captured = len(delta_v.values), delta_v.values[np.isfinite(delta_v.values)]
     lost, outside = trial_count - len(captured), int(((captured < limits[0]) | (captured > limits[1])).sum())
     lines = [f"{trial_count:,} flights"]

@@ -3,8 +3,8 @@
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.convexification import Run, Step, successive_convexification
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
@@ -212,7 +212,7 @@ def program(guidance: Guidance, vehicle: Vehicle, motion: Motion, model, control
         ),
         percentile_weight=guidance.percentile_weight,
         control_reference=np.asarray(control, dtype=float)[:, np.newaxis],
-        control_trust=guidance.control_trust / guidance.control_trust_weight,
+        control_trust=guidance.control_trust / np.sqrt(guidance.control_trust_weight),
         state_trust=(
             block_program.TrustRegion(
                 intervals,

@@ -143,7 +143,7 @@ class Guidance(Section):
     mean_control_weight: NonNegative = given("1", "weight of the squared mean control in the cost")
     control_probability: Level = given("1", "probability with which the control lies between its limits, at each step")
     control_trust: Positive = given("1", "Delta_u, largest change of the mean control in one iteration")
-    control_trust_weight: Positive = given("1", "M_u, by which that change is multiplied before it is compared")
+    control_trust_weight: Positive = given("1", "M_u, weight of that change's square, whose root Delta_u limits")
     initial_control: Number = given("1", "mean control of the first nominal trajectory, the same in all intervals")
     feedback_reference: Literal["mean", "expansion_point", "propagated_mean"] = given(
         "1",

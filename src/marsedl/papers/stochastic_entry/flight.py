@@ -405,7 +405,10 @@ def _controlled(cosine, time, cycle, sensed, memory, p):
 
 
 def _flown(command, cosine, direction, aligning, reversals, cycle, share, memory, p):
-    """Bank that is reached at a command (Eq. 71)."""
+    """Bank that is reached at a command (Eq. 71).
+
+    The first command is flown at once: the paper names no bank before it from which its rate could be limited.
+    """
     largest_change = p.largest_bank_change * (share if share > 0.0 else memory.elapsed)
     limited = rate_limited_bank(command, memory.bank, largest_change)
     as_printed = rate_limited_bank_as_printed(command, memory.command, largest_change)

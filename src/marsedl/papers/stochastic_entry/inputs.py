@@ -98,7 +98,7 @@ class Guidance(Section):
     nominal_bank_fast: Number = given("rad", "nominal bank angle above the ramp's velocities")
     nominal_bank_slow: Number = given("rad", "nominal bank angle below the ramp's velocities")
     ramp_velocities: vector(2, Positive) = given("m/s", "velocities between which the bank's cosine ramps linearly")
-    bank_rate_limit: Positive = given("rad/s", "largest bank rate")
+    bank_rate_limit: Positive = given("rad/s", "largest bank rate from one command to the next; the first is free")
     rate_limit_form: Literal["corrected", "printed"] = given("1", "form of the rate limit: both signs, or as printed")
     deadband_times: vector(2) = given("s", "times between which the crossrange deadband narrows linearly")
     deadband_widths: vector(2, Positive) = given("m", "half widths of the deadband before and after")

@@ -63,10 +63,9 @@ def by_multipliers(recursion: Recursion, loop, gains: Gains, spacing):
 
 def backwards(recursion: Recursion, loop, gains: Gains, design, steps, last_level):
     """Levels from the last to the first, programs solved for each, and how it ended."""
+    rule = StageRule(solver=solver(recursion), order=int(recursion.taylor_order))
     try:
-        with np.errstate(all="ignore"):
-            rule = StageRule(solver=solver(recursion), order=int(recursion.taylor_order))
-            solution = backward(loop, gains.shape[steps], steps, last_level, design, rule)
+        solution = backward(loop, gains.shape[steps], steps, last_level, design, rule)
     except FunnelError as error:
         return np.full(len(steps), np.nan), np.zeros(len(steps) - 1, dtype=int), str(error)
     return solution.rho, solution.programs, COMPLETE

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from marsedl.montecarlo.streams import uniforms
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.inputs import Inputs, Planet, Vehicle
 from marsedl.papers.funnels.records import EquationsOfMotion
@@ -15,10 +16,10 @@ COMPLEX_STEP = 1e-30
 @stage()
 def compute(given: Inputs) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
-    generator = np.random.Generator(np.random.Philox((given.recursion.design_seed, STATES)))
     low = np.array([0.0, -3.0, -1.2, 400.0, -1.2, -3.0, -3.0])
     high = np.array([given.mission.entry_altitude, 3.0, 1.2, given.mission.entry_velocity, 1.2, 3.0, 3.0])
-    *state, bank = generator.uniform(low, high, (RANDOM_STATES, len(low))).T
+    shares = uniforms(given.recursion.design_seed, STATES, range(RANDOM_STATES), len(low))
+    *state, bank = (low + (high - low) * shares).T
     air = environment.undisturbed_air(given.planet)
     still = (0.0,) * environment.DISTURBANCES
     rates = np.array(environment.entry_rates(given.planet, given.vehicle, air)(None, state, (bank,), still))

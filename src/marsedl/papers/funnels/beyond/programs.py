@@ -68,10 +68,7 @@ def propagate(recursion: Recursion, loop, gains: Gains, design, spacing, first_l
 
     rule = StageRule(**{"solver": solver(recursion), "order": int(recursion.taylor_order)} | options)
     try:
-        with np.errstate(all="ignore"):  # a funnel that diverges leaves the range of the equations
-            forward(
-                loop, gains.shape[steps], steps, levels[0], design, rule, limit=recursion.largest_level, progress=note
-            )
+        forward(loop, gains.shape[steps], steps, levels[0], design, rule, limit=recursion.largest_level, progress=note)
     except FunnelError as error:
         return levels, str(error)
     return levels, COMPLETE

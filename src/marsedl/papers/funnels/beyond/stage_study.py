@@ -13,7 +13,7 @@ from marsedl.methods.sos.design import condition_number, hermite_values, random_
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES
+from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, random_points
 from marsedl.papers.funnels.beyond.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.inputs import Inputs, Recursion
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
@@ -47,11 +47,6 @@ def compute(given: Inputs, linearization: Linearization, gains: Gains) -> StageS
     )
 
 
-def random(recursion: Recursion, stream):
-    """Generator of one of the streams of this study."""
-    return np.random.Generator(np.random.Philox((recursion.design_seed, stream)))
-
-
 def solved(recursion: Recursion, values, basis):
     """Certificate as the funnel takes it."""
     return solver(recursion)(values, basis)
@@ -63,8 +58,7 @@ def solved(recursion: Recursion, values, basis):
 def counts(recursion: Recursion):
     """Dimensions by formula, and ranks by numbers (robust entry funnels, Eqs. 2 and 24)."""
     varieties = [Spheres(dimensions) for dimensions in VARIETIES]
-    generator = random(recursion, RANKS)
-    ranks = [_ranks(spheres, generator) for spheres in varieties]
+    ranks = [_ranks(recursion, spheres) for spheres in varieties]
     basis = np.array([spheres.basis_dimension(BASIS_DEGREE) for spheres in varieties])
     return {
         "variety": np.array([" x ".join(f"S^{n - 1}" for n in spheres.dimensions) for spheres in varieties]),
@@ -79,12 +73,12 @@ def counts(recursion: Recursion):
     }
 
 
-def _ranks(spheres, generator):
+def _ranks(recursion: Recursion, spheres):
     """Ranks of all monomials and of the products of the basis at random points, more than are needed."""
     needed = spheres.sample_count(BASIS_DEGREE)
     if needed > LARGEST_RANK:
         return 0, 0
-    points = spheres.random_points(needed + FURTHER_POINTS, generator)
+    points = random_points(spheres, recursion.design_seed, RANKS, needed + FURTHER_POINTS)
     everything = spheres.evaluate(spheres.monomials(BASIS_DEGREE), points)
     quotient = spheres.evaluate(spheres.quotient_monomials(BASIS_DEGREE), points)
     return int(np.linalg.matrix_rank(everything)), rank_of_products(quotient)
@@ -121,7 +115,7 @@ def forms(recursion: Recursion, stage, design):
 
 def undersampled(recursion: Recursion, numbers, stage):
     """Bounds from fewer samples than needed, which solve as well and are too small."""
-    fresh = SPHERES.random_points(recursion.check_points, random(recursion, CHECKS))
+    fresh = random_points(SPHERES, recursion.design_seed, CHECKS, recursion.check_points)
     fresh_values, rows = stage.values(fresh), []
     for count in numbers.astype(int):
         few = random_design(SPHERES, count, (recursion.design_seed, SAMPLES), BASIS_DEGREE, allow_deficient=True)

@@ -6,7 +6,7 @@ from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import SLICE, SPHERES
+from marsedl.papers.funnels.basics import SLICE, SPHERES, random_points
 from marsedl.papers.funnels.beyond.programs import stage_at
 from marsedl.papers.funnels.inputs import Inputs
 from marsedl.papers.funnels.records import Gains, Linearization, Stationary
@@ -32,8 +32,7 @@ def compute(given: Inputs, linearization: Linearization, gains: Gains) -> Statio
     euler_stage = stage_at(
         given.recursion, loop, gains, number, given.studies.stationary_level, spacing, condition="euler"
     )
-    generator = np.random.Generator(np.random.Philox((given.recursion.design_seed, DISTURBANCES)))
-    points = SPHERES.random_points(int(given.studies.stationary_points), generator)
+    points = random_points(SPHERES, given.recursion.design_seed, DISTURBANCES, int(given.studies.stationary_points))
     polynomial = in_disturbances(euler_stage, points[:, : SLICE.variables])
     w, gradient, start = newton(polynomial)
     converged = np.linalg.norm(gradient, axis=1) < CONVERGED * np.linalg.norm(start, axis=1)

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
-from marsedl.methods.covariance_steering.forward_integration import LinearMotion, integrate_forward, modified_index
 from marsedl.papers.powered_descent import segments
+from marsedl.papers.powered_descent.beyond.algorithm_2 import LinearMotion, integrate_forward, modified_index
+from marsedl.papers.powered_descent.beyond.held_control import covariance_certificate, mean_certificate
 from marsedl.papers.powered_descent.inputs import Inputs
 from marsedl.papers.powered_descent.records import Certificates, Gains, Linearization
 from marsedl.replication.errors import MarsedlError

@@ -10,8 +10,8 @@ from marsedl.methods.covariance_steering.closed_form import (
     predicted_covariance,
     riccati_initial,
 )
-from marsedl.methods.covariance_steering.fixed_point import fixed_point
 from marsedl.papers.powered_descent import segments
+from marsedl.papers.powered_descent.beyond.algorithm_1 import fixed_point
 from marsedl.papers.powered_descent.inputs import Inputs, Noise
 from marsedl.papers.powered_descent.records import FixedPointStudy, Linearization
 from marsedl.replication.pipeline.catalogue import stage

@@ -6,7 +6,7 @@ Everything here is about the first program of the reading, along the trajectory 
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.models import random_field
 from marsedl.models.density_variation import sample_process
 from marsedl.montecarlo.statistics import central_moments
@@ -20,7 +20,8 @@ from marsedl.papers.random_field.records import Certificates, Linearization, Nom
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.pipeline.catalogue import stage
 
-SAMPLE_STREAM = 4  # of the fields sampled here, apart from those of the flights
+# Streams of random numbers of the checks, apart from those of the flights.
+DISTURBANCES, FIELDS, SEGMENTS = 3, 4, 5
 TIMES = 9  # at which the process along the nominal is compared with the field's covariance
 
 
@@ -86,7 +87,7 @@ def _identities(system, law):
 def _separation(simulation: Simulation, system, law):
     """Fly the linear system with sampled disturbances under two mean controls, and without any under two gains."""
     root = random_field.root(system.disturbance_covariance)
-    disturbances = random_field.sample(normals(simulation.seed, SAMPLE_STREAM, range(8), len(root)), root)
+    disturbances = random_field.sample(normals(simulation.seed, DISTURBANCES, range(8), len(root)), root)
     disturbances = disturbances.reshape(8, *law.mean[1:].shape)
     shifted = law.control + 0.1 * np.cos(np.arange(len(law.control)))[:, np.newaxis]
 
@@ -154,7 +155,7 @@ def _convexity(guidance: Guidance, simulation: Simulation, posed, law):
         return np.array([quadratic + posed.percentile_weight * max(ends), *(control + np.sqrt(np.diag(spread)))])
 
     least = np.inf
-    directions = normals(simulation.seed, SAMPLE_STREAM + 1, range(40), best.size + len(best))
+    directions = normals(simulation.seed, SEGMENTS, range(40), best.size + len(best))
     for first, second in zip(directions[::2], directions[1::2], strict=True):
         points = []
         for numbers in (first, second):
@@ -172,7 +173,7 @@ def _sampled(air: Air, simulation: Simulation, model):
     grid = environment.field_grid(air)
     process = random_field.markov(environment.kernel(air), grid)
     count = simulation.paper_trials
-    process_samples = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
+    process_samples = sample_process(normals(simulation.seed, FIELDS, range(count), len(grid)), *process)
     process_samples += air.variation_mean
     along_path = random_field.interpolate(model.field_altitude, grid, process_samples)
     chosen = np.linspace(0, len(model.field_altitude) - 1, TIMES).round().astype(int)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.claims.measures import OPEN, Laws
 from marsedl.papers.random_field.curves import peak

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.steering_program import upper_quantile
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.models import orbits
 from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field.claims.measures import (

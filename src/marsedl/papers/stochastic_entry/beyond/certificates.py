@@ -2,14 +2,9 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.lqg_dual import (
-    InfeasibleProblem,
-    bryson_weights,
-    lqg_gains,
-    solve_cone_program,
-    solve_over_weights,
-    variances,
-)
+from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, lqg_gains, variances
+from marsedl.papers.stochastic_entry.beyond.cone_program import solve_cone_program
+from marsedl.papers.stochastic_entry.beyond.weight_search import bryson_weights, solve_over_weights
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.inputs import Design, Guidance, refuse_partial_periods
 from marsedl.papers.stochastic_entry.records import (

@@ -121,9 +121,8 @@ def _iterate(transitions, gramian, weights, gauss_seidel, relative, tolerance, m
     """Run Algorithm 1; the last entry of the result indexes `_STATUS`."""
     q, p, change = np.eye(len(gramian)), np.eye(len(gramian)), np.inf
     for iteration in range(1, maximum_iterations + 1):
-        try:
-            q_new, p_new = _pass(transitions, gramian, weights, gauss_seidel, q, p)
-        except Exception:  # compiled code cannot name LinAlgError, which the inverse alone raises
+        q_new, p_new, regular = _pass(transitions, gramian, weights, gauss_seidel, q, p)
+        if not regular:
             return q, p, iteration, change, 3
         q_change, q_size = _difference_and_size(q_new, q)
         p_change, p_size = _difference_and_size(p_new, p)
@@ -138,15 +137,28 @@ def _iterate(transitions, gramian, weights, gauss_seidel, relative, tolerance, m
 
 @njit(cache=True, error_model="numpy")
 def _pass(transitions, gramian, weights, gauss_seidel, q, p):
-    """Q(0) and P(0) after a pass; transitions: Phi, Phi' and the inverses of both; weights: at both ends."""
+    """Q(0) and P(0) after a pass, and whether all inverses exist.
+
+    transitions: Phi, Phi' and the inverses of both. weights: at both ends.
+    """
     forward, forward_transposed, backward, backward_transposed = transitions
     p_final = forward @ p @ forward_transposed + gramian
-    if not np.isfinite(p_final).all():  # the inverse would refuse it as if it were singular
-        return p_final, p_final
-    q_final = np.linalg.inv(weights[1] - np.linalg.inv(p_final))
+    if not np.isfinite(p_final).all():  # diverged, not singular
+        return p_final, p_final, True
+    p_inverse, p_regular = _inverse(p_final)
+    q_final, q_regular = _inverse(weights[1] - p_inverse)
     q_new = backward @ (q_final + gramian) @ backward_transposed
-    p_new = np.linalg.inv(weights[0] - np.linalg.inv(q_new if gauss_seidel else q))
-    return q_new, np.ascontiguousarray(p_new)
+    q_inverse, start_regular = _inverse(q_new if gauss_seidel else q)
+    p_new, end_regular = _inverse(weights[0] - q_inverse)
+    return q_new, np.ascontiguousarray(p_new), p_regular and q_regular and start_regular and end_regular
+
+
+@njit(cache=True, error_model="numpy")
+def _inverse(matrix):
+    """The inverse, and whether there is one; of a matrix with a pivot of zero, or not finite, it is the matrix."""
+    if not np.isfinite(matrix).all() or np.linalg.slogdet(matrix)[0] == 0.0:
+        return matrix, False
+    return np.linalg.inv(matrix), True
 
 
 @njit(cache=True, error_model="numpy")
