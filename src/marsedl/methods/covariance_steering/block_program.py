@@ -21,6 +21,7 @@ import numpy as np
 
 from marsedl.methods import conic
 from marsedl.methods.checks import require_one_of
+from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.history_feedback import feedback_gain, history_program
 from marsedl.methods.covariance_steering.steering_program import (
     BlockSystem,
