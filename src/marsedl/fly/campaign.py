@@ -147,9 +147,9 @@ class Campaign:
         return self.flight().fly(*arguments, **options)
 
     def look_at_first_trial(self, trial, compiles, progress):
-        """Fly a trial's first period in Python, then compiled, to its end if angles are commanded: refuse a law that
-        returns no command, or is another law compiled, or whose first angle that is not zero is in degrees. Warns of
-        commands that are not finite. Says if the flight has to be compiled.
+        """Fly a trial's first period in Python, then compiled, to the flight's end if it begins with an angle of zero:
+        refuse a law that returns no command, or is another law compiled, or whose first angle that is not zero is in
+        degrees. Warns of commands that are not finite. Says if the flight has to be compiled.
         """
         self.flight().renew()
         parts = self.flight().parts
@@ -157,12 +157,11 @@ class Campaign:
         if not names or not {*names} <= {*stored}:
             return
         rows = [stored.index(name) for name in names]
-        angles = "rad" in self.model.units(names).values()
 
-        def commanded(in_python):
+        def commanded(in_python, whole):
             """One row of commands a period."""
             with np.errstate(all="ignore"):
-                flown = self.fly(range(trial, trial + 1), self.period, in_python, whole=angles and not in_python)
+                flown = self.fly(range(trial, trial + 1), self.period, in_python, whole)
             return flown.history[: flown.length[0], rows, 0]
 
         def said_of(numbers, period=0):
@@ -172,14 +171,16 @@ class Campaign:
             laws.check_angles(sentence, names, numbers, self.model.units)
             return sentence
 
-        python = commanded(in_python=True)[0]
+        python = commanded(in_python=True, whole=False)[0]
         said = said_of(python)
         if not np.isfinite(python).all():
             warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
         if not compiles:
             return
         with _told_of_compiling(progress):
-            compiled = commanded(in_python=False)
+            units = self.model.units(names).values()
+            waits = any(unit == "rad" and angle == 0.0 for unit, angle in zip(units, python, strict=True))
+            compiled = commanded(in_python=False, whole=waits)
         require(
             np.allclose(compiled[0], python, rtol=1e-3, atol=1e-9, equal_nan=True),
             f"{said} in Python, compiled {', '.join(map('{:g}'.format, compiled[0]))}: compiled integers have 64 "
