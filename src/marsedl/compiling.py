@@ -56,13 +56,14 @@ def _register(function: Callable, in_kernels: Callable | None, options: dict) ->
 _KNOWN = {}  # functions that kernels call, and the digest of what they reached when they were compiled
 
 
-def renew(function: Callable, digest: str) -> None:
+def renew(function: Callable, digest: str, compiler: Callable) -> None:
     """Let numba compile a function that kernels call again, if what it reaches is not what it was.
 
     Numba keeps what it has once compiled, with the numbers that the function read then. A plain function is registered.
 
     Args:
         function: plain, or compiled by numba. digest: of all that it reaches.
+        compiler: returns the `pipeline_class` of numba that compiles it.
     """
     if "numba" not in sys.modules:
         return  # nothing is compiled yet
@@ -75,10 +76,11 @@ def renew(function: Callable, digest: str) -> None:
     if hasattr(function, "targetoptions"):
         function._reset_overloads()
         function._cache = NullCache()
+        function._compiler.pipeline_class = compiler()
         return
     cpu_target.typing_context.refresh()
     known = cpu_target.typing_context._lookup_global(function)
     if known is None:
-        _register(function, None, {})
+        _register(function, None, {"pipeline_class": compiler()})
     for template in getattr(known, "templates", ()):
         getattr(template, "_impl_cache", {}).clear()

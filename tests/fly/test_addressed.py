@@ -1,7 +1,12 @@
 """Laws that are compiled alone: they share the kernel of their vehicle, and fly as they do in Python."""
 
+import enum
+import math
 import subprocess
 import sys
+import types
+import warnings
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,7 +16,7 @@ from numba import njit
 from numba.core import event
 
 from marsedl.fly import Below, GainTable, Normal, fly
-from marsedl.fly.campaign import _told_of_compiling
+from marsedl.fly.campaign import Campaign, _told_of_compiling
 from marsedl.montecarlo.flights import Flight, Nothing, model
 from marsedl.montecarlo.flights.addressed import is_addressed
 
@@ -134,6 +139,172 @@ def test_a_law_that_cannot_be_compiled_is_told_with_its_line():
     line = bends.__code__.co_firstlineno + 1
     with pytest.raises(TypeError, match=rf"numba cannot compile .*test_addressed.py, line {line}, in bends: "):
         fly(PROBE, law=bends, **DROP)
+
+
+# ---- the compiled law is the Python law ------------------------------------------------------------------------------
+
+
+class Divisor(NamedTuple):
+    zero: float = 0  # an integer that is meant as a float
+    whole: int = 2
+
+
+class Count(NamedTuple):
+    number: int = 1
+
+
+def divides_by_parameters(altitude, time, law: Divisor = Divisor()):  # noqa: B008
+    share = 1.0 / law.zero if altitude > 250.0 else 0.0
+    return min(share, 0.1) + min(1e-3 / abs(law.whole - int(time)), 0.1)
+
+
+def divides_by_its_own_number(altitude):
+    return min(1e-3 / max(altitude - 250.0, 0.0), 0.4)
+
+
+def guards_a_root(altitude):
+    root = scaled(math.sqrt(altitude - 250.0) + math.log(altitude - 250.0))
+    return root if altitude > 250.0 else 0.0
+
+
+def scaled(number):
+    return 1e-3 * number
+
+
+def overflows(speed):
+    return 0.3 * (1.0 / math.exp(-40.0 * speed)) + min(math.exp(1000.0) ** 2, 0.1)
+
+
+def takes_the_root(altitude):
+    return 1e-3 * math.sqrt(altitude - 250.0)
+
+
+def remembers_integers(memory) -> tuple[Push, Count]:
+    return Push(0.3 * memory.number**-1), Count(memory.number + 1)
+
+
+ARITHMETIC = [divides_by_parameters, divides_by_its_own_number, guards_a_root, overflows, remembers_integers]
+
+
+@pytest.mark.filterwarnings("ignore:.*did not become vector code")
+@pytest.mark.parametrize("law", ARITHMETIC)
+def test_arithmetic_that_python_refuses_is_the_same_in_python_as_compiled(law):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "(divide by zero|overflow|invalid value) encountered", RuntimeWarning)
+        warnings.filterwarnings("ignore", ".* as compiled, it goes on with nan or inf", UserWarning)
+        flown, python = (fly(PROBE, law=law, **DROP | {"trials": 2}, compiled=how) for how in (True, False))
+    np.testing.assert_array_equal(flown.numbers, python.numbers)
+    assert flown.outcomes() == {"ended: altitude below 0": 2}
+
+
+def test_flights_that_become_not_finite_are_counted_in_python_as_compiled_and_python_says_where():
+    told = r"2 of 2 flights: not finite; replay\(0\) shows one and replay\(0, in_python=True\) warns at the line"
+    with pytest.warns(UserWarning, match=told):
+        flown = fly(PROBE, law=takes_the_root, **DROP | {"trials": 2})
+    with pytest.warns(UserWarning, match=told):
+        assert fly(PROBE, law=takes_the_root, **DROP | {"trials": 2}, compiled=False).outcomes() == flown.outcomes()
+    line = takes_the_root.__code__.co_firstlineno + 1
+    with pytest.warns(
+        UserWarning, match=rf"takes_the_root \(.*, line {line}\): math domain error, at \d+ s of trial 1; as compiled"
+    ):
+        flown.replay(1, in_python=True)
+    assert flown.outcomes() == {"not finite": 2}
+
+
+def starts_at_zero(time):
+    return 0.0 if time < 5.0 else 70.0
+
+
+def rolls(time):
+    return 1.5 * time
+
+
+def test_degrees_are_refused_when_the_law_first_commands_them_and_a_rolling_vehicle_is_not():
+    units = {"quantities": PROBE.quantities | {"up": ("rad", "angle")}}
+    told = r"the law commands 70 after 5 s of trial 0: up is 70 rad, more than a turn; give it in radians"
+    with pytest.raises(ValueError, match=told):
+        fly(replace(PROBE, **units), law=starts_at_zero, **DROP)
+    assert fly(replace(PROBE, **units), law=rolls, **DROP | {"trigger": None, "end_time": 9.0}).trials == 70
+
+
+FACTOR, TABLE_OF_NUMBERS, NESTED = 1.0, np.array([1.0, 2.0]), ((1.0, 2.0), 3.0)
+MODULE = types.ModuleType("numpyish")
+MODULE.inner = types.ModuleType("numpyish.inner")
+MODULE.inner.number = 1.0
+
+
+class Mode(enum.IntEnum):
+    LOW = 1
+
+
+@njit
+def doubled(x):
+    return 2.0 * x
+
+
+def tripled(x, by=3.0):
+    return by * x
+
+
+CALLED = (doubled,)
+
+
+def holder():
+    inside = 1.0
+
+    def enclosed():
+        return inside
+
+    def change(value):
+        nonlocal inside
+        inside = value
+
+    return enclosed, change
+
+
+enclosed, change = holder()
+
+
+def reads_all(speed):
+    module = MODULE
+    held = FACTOR + TABLE_OF_NUMBERS[1] + NESTED[0][1] + module.inner.number + Mode.LOW.value + enclosed()
+    return 1e-3 * (held + CALLED[0](1.0) + tripled(1.0))
+
+
+@pytest.mark.filterwarnings("ignore:First-class function type")
+def test_a_law_flies_what_its_holders_hold_now(monkeypatch):
+    """Globals, arrays, tuples, attributes of modules, enumerations, closures, functions in tuples, and defaults."""
+    here = sys.modules[__name__]
+
+    def flown():
+        flights = fly(PROBE, law=reads_all, **DROP | {"trials": 1})
+        assert flights.replay(0, in_python=True).final == {name: values[0] for name, values in flights.final.items()}
+        return flights.final["end_time"][0]
+
+    def key():
+        return Campaign(PROBE, DROP["start"], reads_all, None, 9.0, 1.0, 4, None, 0).reached
+
+    @njit
+    def halved(x):
+        return 0.5 * x
+
+    changes = [
+        lambda: monkeypatch.setattr(here, "FACTOR", 40.0),
+        lambda: TABLE_OF_NUMBERS.__setitem__(1, 40.0),
+        lambda: monkeypatch.setattr(here, "NESTED", ((1.0, 40.0), 3.0)),
+        lambda: monkeypatch.setattr(MODULE.inner, "number", 40.0),
+        lambda: monkeypatch.setattr(here, "Mode", enum.IntEnum("Mode", {"LOW": 40})),
+        lambda: change(40.0),
+        lambda: monkeypatch.setattr(here, "CALLED", (halved,)),
+        lambda: monkeypatch.setattr(tripled, "__defaults__", (40.0,)),
+    ]
+    ends, keys = [flown()], [key()]
+    for one in changes:
+        one()
+        keys.append(key())
+    ends.append(flown())
+    assert len({*keys}) == len(changes) + 1
+    assert ends[1] > ends[0]
 
 
 def test_flights_in_python_are_the_compiled_ones_and_compile_nothing():

@@ -6,7 +6,7 @@ import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from traceback import walk_stack
@@ -28,6 +28,8 @@ class Campaign:
 
     def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed):
         """Check all of it, and bind it to the model; nothing is compiled."""
+        from marsedl.montecarlo.flights.binding import check_parameters
+
         self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
@@ -56,13 +58,17 @@ class Campaign:
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
             require_numbers(parts if isinstance(parts, tuple) else (), what)
+            check_parameters(parts, what)
         if end:
             self.p = laws.extended(type(self.p))(*self.p, end)
         self.schedule(history)
         self.reached = self._reached()
         means = (np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle))
+        met = np.zeros(1, bool)
+        with suppress(ArithmeticError, LookupError, ValueError):  # of numbers that no trial may have
+            met = self.met_at_the_start(*means)
         require(
-            not self.met_at_the_start(*means).any(),
+            not met.any(),
             f"{self.end.removeprefix('ended: ')}: this trigger is met at the start; one that returns a number is "
             f"positive until the flight ends, one that returns a bool False",
         )
@@ -102,6 +108,8 @@ class Campaign:
 
     def met_at_the_start(self, start, vehicle):
         """Which trials meet the trigger where they start. Arguments: tables (numbers, trials)."""
+        from marsedl.montecarlo.flights.arithmetic import answer
+
         flight, state = self.flight(), self.model.flight.parts["state"]
         if (ended := flight.functions["ended"]) is None:
             return np.zeros(start.shape[1], bool)
@@ -110,7 +118,7 @@ class Campaign:
         def met(start, vehicle):
             vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
             offered = {"state": state(*start), "vehicle": vehicle, "p": self.p}
-            value = ended(*(offered[name] for name in asked))
+            value = answer(ended, [offered[name] for name in asked])
             return value <= 0.0 if finds_zero else value
 
         if self.trigger == "falls":  # a sum of the state's numbers, of arrays as well
@@ -138,9 +146,10 @@ class Campaign:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
         return self.flight().fly(*arguments, **options)
 
-    def look_at_first_period(self, trial, compiles, progress):
-        """Fly a trial's first period, in Python at first: refuse a law that returns no command, or one in degrees, or
-        is another law compiled. Warns of commands that are not finite. Says if the flight has to be compiled.
+    def look_at_first_trial(self, trial, compiles, progress):
+        """Fly a trial's first period in Python, then compiled, to the flight's end if it begins with an angle of zero:
+        refuse a law that returns no command, or is another law compiled, or whose first angle that is not zero is in
+        degrees. Warns of commands that are not finite. Says if the flight has to be compiled.
         """
         self.flight().renew()
         parts = self.flight().parts
@@ -149,28 +158,38 @@ class Campaign:
             return
         rows = [stored.index(name) for name in names]
 
-        def commanded(in_python):
+        def commanded(in_python, whole):
+            """One row of commands a period."""
             with np.errstate(all="ignore"):
-                flown = self.fly(range(trial, trial + 1), self.period / self.substeps, in_python, whole=False)
-            return flown.history[0, rows, 0]
+                flown = self.fly(range(trial, trial + 1), self.period, in_python, whole)
+            return flown.history[: flown.length[0], rows, 0]
 
-        def listed(numbers):
-            return ", ".join(map("{:g}".format, numbers))
+        def said_of(numbers, period=0):
+            """Of a period's commands; refuses degrees."""
+            when = f"after {period * self.period:g} s" if period else "at the start"
+            sentence = f"the law commands {', '.join(map('{:g}'.format, numbers))} {when} of trial {trial}"
+            laws.check_angles(sentence, names, numbers, self.model.units)
+            return sentence
 
-        python = commanded(in_python=True)
-        said = f"the law commands {listed(python)} at the start of trial {trial}"
-        laws.check_angles(said, names, python, self.model.units)
+        python = commanded(in_python=True, whole=False)[0]
+        said = said_of(python)
         if not np.isfinite(python).all():
             warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
         if not compiles:
             return
         with _told_of_compiling(progress):
-            compiled = commanded(in_python=False)
+            units = self.model.units(names).values()
+            waits = any(unit == "rad" and angle == 0.0 for unit, angle in zip(units, python, strict=True))
+            compiled = commanded(in_python=False, whole=waits)
         require(
-            np.allclose(compiled, python, rtol=1e-3, atol=1e-9, equal_nan=True),
-            f"{said} in Python, compiled {listed(compiled)}: compiled integers are of 64 bits, and their negative "
-            f"powers 0; write floats, such as 2.0",
+            np.allclose(compiled[0], python, rtol=1e-3, atol=1e-9, equal_nan=True),
+            f"{said} in Python, compiled {', '.join(map('{:g}'.format, compiled[0]))}: compiled integers have 64 "
+            f"bits, and what lies beyond is another number; write floats, such as 2.0",
         )
+        for number in range(len(names)):
+            periods = np.flatnonzero(compiled[:, number])
+            if periods.size:
+                said_of(compiled[periods[0]], periods[0])
 
     def outcomes(self, flown, trials):
         """Outcome of every one of these trials, by name."""
@@ -205,7 +224,7 @@ class Campaign:
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
         for chunk in chunks:
             self.drawn(chunk)  # refuses what cannot fly before anything flies
-        self.look_at_first_period(first, compiled, progress)
+        self.look_at_first_trial(first, compiled, progress)
         if processes == 1:
             flown = (self.reduced(chunk, not compiled) for chunk in chunks)
             parts = _told(flown, last - first, progress)

@@ -99,9 +99,11 @@ class Flights:
         for outcome in (NOT_FINITE, AT_ONCE, *self.campaign.failures(self.numbers)):
             lost = np.flatnonzero(self.outcome == outcome)
             if lost.size:
+                where = f"replay({lost[0]}) shows one"
+                if outcome == NOT_FINITE:
+                    where += f" and replay({lost[0]}, in_python=True) warns at the line where it began"
                 sentences.append(
-                    f"{lost.size:,} of {self.trials:,} flights: {outcome}; replay({lost[0]}) shows one, statistics "
-                    f"leave them out"
+                    f"{lost.size:,} of {self.trials:,} flights: {outcome}; {where}, statistics leave them out"
                 )
         if self.campaign.model.warn:
             sentences += self.campaign.model.warn(self.campaign.p, self.final)

@@ -79,12 +79,30 @@ def asked(function, role):
 
 
 def hints(function):
-    """Annotations of a function by name; names in strings may be local to the functions that run now."""
-    try:
-        return get_type_hints(function)
-    except NameError:
-        frames = (frame.frame.f_locals for frame in inspect.stack(0))
-        return get_type_hints(function, localns=ChainMap(_space(function).maps[0], *frames))
+    """Annotations of a function by name, without those whose names are nowhere, as those for a type checker alone are.
+
+    Names in strings, which all annotations are under `from __future__ import annotations`, may be local to the
+    functions around it, as long as these run or the function itself uses the names. Raises ValueError if the annotation
+    of what it returns is such a string of unknown names.
+    """
+    around = {name.rpartition(".")[2] for name in function.__qualname__.split(".<locals>.")[:-1]}
+    frames = (frame.frame for frame in inspect.stack(0))
+    running = [
+        frame.f_locals for frame in frames if frame.f_code.co_name in around and frame.f_globals is function.__globals__
+    ]
+    places = ChainMap(_space(function).maps[0], *running)
+    found = {}
+    for name, annotation in getattr(function, "__annotations__", {}).items():
+        alone = python_types.SimpleNamespace(__annotations__={name: annotation})
+        try:
+            found |= get_type_hints(alone, function.__globals__, places)
+        except (NameError, AttributeError, TypeError, SyntaxError) as error:
+            require(
+                name != "return",
+                f"{described(function)}: {annotation!r}, which it is annotated to return, cannot be read ({error}): "
+                f"define its classes at the top of the file",
+            )
+    return found
 
 
 def returned(function, role):
@@ -109,6 +127,14 @@ def returned(function, role):
     return kinds
 
 
+@cache
+def float_fields(kind):
+    """Of the fields of a NamedTuple class, which are annotated as floats."""
+    written = {name: hint for base in kind.__mro__[::-1] for name, hint in inspect.get_annotations(base).items()}
+    hinted = (written.get(name) for name in kind._fields)
+    return tuple(getattr(hint, "__forward_arg__", hint) in (float, "float") for hint in hinted)
+
+
 def compiled(function, role, kinds, *, masked=False, single=False):
     """Compiled loop over the lanes of a group that calls one function of a model: its body is one generated line.
 
@@ -127,6 +153,7 @@ def compiled(function, role, kinds, *, masked=False, single=False):
     from marsedl.montecarlo.lanes import LANES, inline_called_njit
 
     space = {"function": inline_called_njit(function), "column": column, "LANES": LANES}
+    space["function"]._compiler.pipeline_class = _compiler()
     names, reads = asked(function, role), {"air": "column(air, lane)", "past": "column(past, lane)"}
     reads["guided"] = "guided[0, lane]"
     if role == "finish":
@@ -170,7 +197,7 @@ LOCAL = ("LOAD_FAST", "LOAD_FAST_CHECK", "LOAD_FAST_BORROW")
 def chains(code, kinds=_NOT_LOCAL):
     """Names that code loads so, each with the attributes that follow: ("np", "random", "normal")."""
     found, chain = [], ()
-    for part in _codes(code):
+    for part in codes(code):
         for step in dis.get_instructions(part):
             if step.opname in ("LOAD_ATTR", "LOAD_METHOD") and chain:
                 chain = (*chain, step.argval)
@@ -182,13 +209,13 @@ def chains(code, kinds=_NOT_LOCAL):
 
 def _reads(function):
     """Dotted names that a function reads, and their values; of a module alone all that its code names."""
-    space, names = _space(function), [name for code in _codes(function.__code__) for name in code.co_names]
+    space, names = _space(function), [name for code in codes(function.__code__) for name in code.co_names]
     for name, *attributes in chains(function.__code__):
         found = [(name, space[name], attributes)] if name in space else []
         for path, value, further in found:
             yield path, value
-            if inspect.ismodule(value) and (further or not is_foreign(value)):
-                members = further[:1] or names
+            if inspect.ismodule(value):
+                members = further[:1] or [key for key in names if not is_foreign(value) or _is_hidden(value, key)]
                 found += [(f"{path}.{key}", getattr(value, key), further[1:]) for key in members if hasattr(value, key)]
 
 
@@ -198,32 +225,70 @@ def is_foreign(value):
     return str(module).partition(".")[0] in _FOREIGN
 
 
-def renew_helpers(function, done):
+def renew_helpers(function, done, defaults=()):
     """Let numba compile again all helpers of a function, down to the last one, that read other numbers than before.
 
     Args:
         function: of a model. done: set of the helpers that were looked at; helpers are added to it.
+        defaults: of a helper's arguments, with their names; that of `law` is the parameters.
 
     Raises ValueError for what a compiled flight cannot follow: random numbers, clocks, lists, objects.
     """
-    for path, value in _reads(function):
-        for member in value if isinstance(value, tuple) else (value,):
+    for path, value in (*_reads(function), *defaults):
+        for member in _members(value):
             _check(member, f"{described(function)} reads {path}")
             helper = getattr(member, "py_func", member)
             if inspect.isfunction(helper) and not is_foreign(helper) and helper not in done:
                 done.add(helper)
-                renew(member, digest(member))
-                renew_helpers(helper, done)
+                renew(member, digest(member), _compiler)
+                arguments = inspect.signature(helper).parameters.values()
+                given = ((part.name, part.default) for part in arguments if part.default is not part.empty)
+                renew_helpers(helper, done, [pair for pair in given if pair[0] != "law"])
 
 
-def _check(value, reads):
+def _compiler():
+    from marsedl.montecarlo.flights.whole_powers import Checked
+
+    return Checked
+
+
+def _members(value):
+    """What nested tuples hold; of anything else itself."""
+    if isinstance(value, tuple):
+        for member in value:
+            yield from _members(member)
+    else:
+        yield value
+
+
+def _is_hidden(value, key=None):
+    """Whether a value, or an attribute of it, belongs to a module whose answers no trial owns."""
+    value = getattr(value, key, None) if key else value
     owner = getattr(value, "__self__", value)
     modules = getattr(value, "__module__", ""), owner.__name__ if inspect.ismodule(owner) else type(owner).__module__
+    return any(f"{module}.".startswith(f"{hidden}.") for module in modules for hidden in _HIDDEN)
+
+
+def check_parameters(parts, what):
+    """Raise ValueError for parameters whose numbers change while they fly; what: their name."""
+    for member in _members(parts):
+        _refuse_hidden(member, f"{what} holds a {type(member).__name__}")
+        require(
+            not isinstance(member, list | dict | set),
+            f"{what} holds a {type(member).__name__}: give numbers, arrays and NamedTuples of them",
+        )
+
+
+def _refuse_hidden(value, reads):
     require(
-        not any(f"{module}.".startswith(f"{hidden}.") for module in modules for hidden in _HIDDEN),
+        not _is_hidden(value),
         f"{reads}, whose answers belong to no trial, so that a replay would be another flight: disperse the start, "
         f"the vehicle or the air, or remember a number in the law's memory",
     )
+
+
+def _check(value, reads):
+    _refuse_hidden(value, reads)
     followed = isinstance(value, _FOLLOWED) or is_foreign(type(value))
     is_large = isinstance(value, np.ndarray) and value.nbytes > _LARGEST
     require(
@@ -297,11 +362,12 @@ def digest(*roots):
 # ---- the cached kernel -----------------------------------------------------------------------------------------------
 
 
-def _codes(code):
+def codes(code):
+    """Code, and that of the functions that it makes."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, python_types.CodeType):
-            yield from _codes(constant)
+            yield from codes(constant)
 
 
 def named_kernel(outer, bound, name, module, **options):

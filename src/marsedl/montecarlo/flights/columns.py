@@ -7,8 +7,6 @@ a loop over the lanes becomes vector code.
 Everything here rests on numba's intrinsics and on `numba.np.arrayobj`: docs/compiled_flights.md lists what is touched.
 """
 
-import inspect
-from functools import cache
 from itertools import count
 
 import numpy as np
@@ -16,9 +14,11 @@ from llvmlite import ir
 from numba import typeof, types
 from numba.core import cgutils
 from numba.core.errors import TypingError
+from numba.core.ir import Loc
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
+from marsedl.montecarlo.flights.binding import float_fields
 from marsedl.montecarlo.lanes import LANES
 
 
@@ -59,13 +59,16 @@ def putter(kind, function):
     another number than `kind` has fields.
     """
     count, name = len(kind._fields), function.__name__
+    place = Loc(function.__code__.co_filename, function.__code__.co_firstlineno)
 
     @intrinsic
     def put(typing_context, values, array, lane, chosen):
         alone = isinstance(values, types.Number | types.Boolean)
         members = (values,) if alone else values if isinstance(values, types.BaseTuple) else ()
         if len(members) != count or not all(isinstance(member, types.Number | types.Boolean) for member in members):
-            raise TypingError(f"{name} must return the {count} numbers of {kind.__name__}, got {values}")
+            if isinstance(values, types.Optional | types.NoneType):
+                raise TypingError(f"{name} returns nothing on one of its paths: end each of them with `return`", place)
+            raise TypingError(f"{name} must return the {count} numbers of {kind.__name__}, got {values}", place)
 
         def generate(context, builder, signature, arguments):
             array_type = signature.args[1]
@@ -125,21 +128,13 @@ def borrowed(typing_context, array):
 # ---- parameters: named where functions see them, plain where numba caches --------------------------------------------
 
 
-@cache
-def _floats(kind):
-    written = {name: hint for base in kind.__mro__[::-1] for name, hint in inspect.get_annotations(base).items()}
-    return tuple(
-        getattr(written.get(name), "__forward_arg__", written.get(name)) in (float, "float") for name in kind._fields
-    )
-
-
 def flat(value):
     """The numbers and arrays of nested tuples, in order; numbers that are annotated as floats become floats.
 
     Numba would pickle a class of a script by value, and never find the kernel again that it compiled for it.
     """
     if isinstance(value, tuple):
-        floats = _floats(type(value)) if hasattr(value, "_fields") else (False,) * len(value)
+        floats = float_fields(type(value)) if hasattr(value, "_fields") else (False,) * len(value)
         members = [float(part) if is_float else part for part, is_float in zip(value, floats, strict=True)]
         return tuple(leaf for member in members for leaf in flat(member))
     # A copy of what is read-only, for which the kernel would be compiled once more.

@@ -36,7 +36,7 @@ def explained(error, flight, arguments, options):
     flight.fly_in_python(p, schedule.first_period(), start, trial=options.get("first_trial", 0), **options)
     where, reason = _innermost(re.sub(r"\x1b\[[0-9;]*m", "", str(error)))
     return TypeError(
-        f"numba cannot compile {where}: {reason}. Write the model with numbers, NamedTuples, arrays and the functions "
+        f"numba cannot compile {where}: {reason}; write the model with numbers, NamedTuples, arrays and the functions "
         "of numpy that numba knows"
     )
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import integrators
 from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.flights.arithmetic import answer, numpy_numbers, warn
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -27,7 +28,7 @@ def fly(flight, trial, given):
     if not earlier:
         check_start(first_state, parts["state"], trial)
 
-    model = _Model(flight, p, given.law)
+    model = _Model(flight, numpy_numbers(p), numpy_numbers(given.law), trial)
     now = model.now
     now["state"] = parts["state"](*first_state[:, 0])
     if hasattr(vehicle, "_fields"):
@@ -42,7 +43,7 @@ def fly(flight, trial, given):
         for node, normal in zip(
             reversed(range(nodes)), normals(given.seed, given.streams[1], [trial], nodes)[0], strict=True
         ):
-            now["air"][node], now["drawn"] = model("vary", node=node, normal=normal)
+            now["air"][node], now["drawn"] = model("vary", node=np.int64(node), normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
     draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
     draws = draws[given.first_increment * size :].reshape(total, increments, size)
@@ -60,7 +61,8 @@ def fly(flight, trial, given):
         step = schedule.step[min(cycle, len(schedule.step) - 1)]
         substep = flown - bounds[cycle]
         time = schedule.start[cycle] + substep * step if end_time is None else end_time
-        now |= {"time": time, "cycle": cycle, "half_index": 2 * flown, "ending": 1.0 if over else 0.0}
+        now |= {"time": time, "cycle": np.int64(cycle), "half_index": np.int64(2 * flown)}
+        now["ending"] = np.float64(1.0 if over else 0.0)
         stores = flown % schedule.every == 0 and not over
         guides = bool(flight.guides) and not over and (substep == 0 or bool(model("interrupts")))
         if stores or guides or over or watch_steps:
@@ -105,8 +107,8 @@ def fly(flight, trial, given):
 class _Model:
     """Calls functions of a model with what they ask for of `now`."""
 
-    def __init__(self, flight, p, law):
-        self.functions, self.parts = flight.functions, flight.parts
+    def __init__(self, flight, p, law, trial):
+        self.functions, self.parts, self.trial, self.told = flight.functions, flight.parts, trial, set()
         self.now = {"p": p, "law": law} | dict.fromkeys(("vehicle", "noise", "found", "sensed", "advice", "drawn"), ())
 
     def __call__(self, role, function=None, **changed):
@@ -114,17 +116,24 @@ class _Model:
         if function is None:
             return ()
         offered = self.now | changed
-        result = function(*(offered[name] for name in asked(function, role)))
+        arguments = [offered[name] for name in asked(function, role)]
+        result = answer(function, arguments, self.warn_once)
         if role not in PARTS:
             return result
         kinds = [self.parts[kind] for kind in PARTS[role]]
         check_returned(function, result, kinds)
         parts = result if len(kinds) > 1 else (result,)
         parts = tuple(
-            part if isinstance(part, kind) else kind(*part) if isinstance(part, tuple) else kind(part)
+            kind(*map(np.float64, part if isinstance(part, tuple) else (part,)))
             for part, kind in zip(parts, kinds, strict=True)
         )
         return parts if len(kinds) > 1 else parts[0]
+
+    def warn_once(self, sentence):
+        """Warn of arithmetic that Python refuses, once a place in a flight."""
+        if sentence not in self.told:
+            self.told.add(sentence)
+            warn(sentence, self.now["time"], self.trial)
 
 
 def check_returned(function, result, kinds):
@@ -135,7 +144,8 @@ def check_returned(function, result, kinds):
     sizes = [len(part) if isinstance(part, tuple) else 1 for part in parts]
     numbers = [number for part in parts for number in (part if isinstance(part, tuple) else (part,))]
     wrong = sizes != [len(kind._fields) for kind in kinds]
-    if wrong or not all(isinstance(number, int | float | complex | np.number | np.bool_) for number in numbers):
+    known = all(isinstance(number, int | float | np.number | np.bool_) for number in numbers)
+    if wrong or not known or np.iscomplexobj(numbers):
         wanted = ", ".join(kinds[0]._fields) if len(kinds) == 1 else " and ".join(kind.__name__ for kind in kinds)
         raise ValueError(f"{described(function)} returned {result!r}; it must return {wanted}")
 
