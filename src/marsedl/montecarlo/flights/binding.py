@@ -15,21 +15,22 @@ from marsedl.compiling import renew
 from marsedl.words import described, remedy, require
 
 _PLACE = ("half_index", "time", "cycle", "state", "found")
-_SCENE = (*_PLACE, "guided", "sensed", "command", "memory", "vehicle", "p")
+_SCENE = (*_PLACE, "guided", "sensed", "nav", "command", "memory", "vehicle", "p")
 OFFERED = {
     "rates": ("half_index", "time", "state", "found", "command", "vehicle", "noise", "p"),
     "look_up": ("half_index", "time", "state", "air", "p"),
     "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
     "interrupts": ("time", "state", "memory", "vehicle", "law", "p"),
-    "consult": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
-    "phase": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
-    "guide": (*_PLACE, "share", "sensed", "advice", "memory", "past", "vehicle", "law", "p"),
+    "navigate": ("cycle", "time", "sensed", "nav", "draws", "vehicle", "p"),
+    "consult": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
+    "phase": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
+    "guide": (*_PLACE, "share", "sensed", "nav", "advice", "memory", "past", "vehicle", "law", "p"),
     "ended": ("state", "vehicle", "p"),
     "vary": ("node", "normal", "drawn", "p"),
     "store": _SCENE,
     "observe": _SCENE,
     "watch": ("watched", "ending", *_SCENE),
-    "finish": ("time", "state", "found", "sensed", "command", "memory", "vehicle", "drawn", "watched", "p"),
+    "finish": ("time", "state", "found", "sensed", "nav", "command", "memory", "vehicle", "drawn", "watched", "p"),
 }
 """Names that a function of each role may ask for; `flights` says what they are."""
 
@@ -38,6 +39,7 @@ PARTS = {
     "rates": ("state",),
     "look_up": ("found",),
     "sense": ("sensed",),
+    "navigate": ("nav",),
     "consult": ("advice",),
     "guide": ("command", "memory"),
     "store": ("stored",),

@@ -33,6 +33,7 @@ def fly(flight, trial, given):
         now["vehicle"] = type(vehicle)(*table_of(vehicle, width)[:, own])
     now["memory"] = parts["memory"](*map(np.float64, parts["memory"]() if memory is None else memory))
     now["command"] = parts["command"](*[np.float64(0.0)] * len(parts["command"]._fields))
+    now["nav"] = parts["nav"](*[np.float64(0.0)] * len(parts["nav"]._fields))
     now["past"] = np.empty(given.past)
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
@@ -45,6 +46,10 @@ def fly(flight, trial, given):
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
     draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
     draws = draws[given.first_increment * size :].reshape(total, increments, size)
+
+    draws_class, periods = flight.options["draws"], len(schedule.steps)
+    of_navigation = normals(given.seed, given.navigation_stream, [trial], periods * len(draws_class._fields))
+    of_navigation = of_navigation.reshape(periods, -1)
 
     ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
     watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))
@@ -65,6 +70,8 @@ def fly(flight, trial, given):
         if stores or guides or over or watch_steps:
             now["found"] = model("look_up")
             now["sensed"] = model("sense")
+        if guides and substep == 0:
+            now["nav"] = model("navigate", draws=draws_class(*of_navigation[cycle]))
         if guides:
             now["advice"] = model("consult")
             now["share"] = substep / schedule.steps[cycle]
