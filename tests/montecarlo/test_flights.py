@@ -483,7 +483,7 @@ def test_bad_models_are_refused_by_name():
     with pytest.raises(ValueError, match="draws is 2; give a NamedTuple class"):
         Flight(falls, draws=2)
     with pytest.raises(ValueError, match="navigate tells guidance what it knows; this flight has no guide"):
-        Flight(rolls, navigate=measure)
+        Flight(falls, navigate=measure)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from marsedl.fly.campaign import Campaign
 from marsedl.fly.declared import MARS, Exponential, Markov, MultivariateNormal, Normal, Planet, Table, Uniform
 from marsedl.fly.flights import Flights, OneFlight
 from marsedl.fly.laws import Above, Below, GainTable
+from marsedl.fly.senses import Error, Senses, ThroughDrag
 from marsedl.fly.vehicles import Entry, Lander, Model
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Above",
     "Below",
     "Entry",
+    "Error",
     "Exponential",
     "Flights",
     "GainTable",
@@ -24,7 +26,9 @@ __all__ = [
     "Normal",
     "OneFlight",
     "Planet",
+    "Senses",
     "Table",
+    "ThroughDrag",
     "Uniform",
     "fly",
 ]
@@ -35,6 +39,8 @@ def fly(
     start,
     *,
     law=None,
+    senses=None,
+    truth=False,
     trigger=None,
     end_time,
     period=1.0,
@@ -56,9 +62,15 @@ def fly(
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
             `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
-            as `velocity` or `range`, for `time`, `sensed` (all of it) and `law` (parameters: the argument's default, or
-            those of `functools.partial`), and returns the command. With a memory it is annotated
+            as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
+            default, or those of `functools.partial`), and returns the command. With a memory it is annotated
             `-> tuple[Command, Memory]`, both NamedTuples, as `guide` of the engine. Or a `GainTable`, or a constant.
+        senses: `Senses`, errors of what laws are told, in every trial others, and new ones in every guidance period;
+            without them laws know the truth under the names that they are told. Results hold what laws knew with errors
+            as `nav_<name>`, and the truth under its own name. Noise and walks are those of the same set of quantities
+            with errors; constant errors stay when others are added.
+        truth: whether the law may ask for the `state` and the `vehicle` of its trial as they are (one with a memory for
+            `found`, the air, too); the result says so.
         trigger: `Below` or `Above` for a quantity of the state, or a function of (state, p) annotated to return a
             float, which is positive until the flight ends and whose zero is found, or a bool. Trials that meet it where
             they start have the outcome "trigger met at the start" and count in no statistics.
@@ -80,5 +92,5 @@ def fly(
             a number with which nothing can fly.
         TypeError: for a function that numba cannot compile.
     """
-    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed)
+    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
     return Flights.flown(campaign, trials, processes, progress, compiled)

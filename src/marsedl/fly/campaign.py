@@ -15,10 +15,11 @@ import numpy as np
 
 from marsedl.fly import laws
 from marsedl.fly.declared import is_number, require_numbers
+from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.vehicles import Model
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE = range(4)  # streams of random numbers
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
@@ -26,9 +27,9 @@ OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at 
 class Campaign:
     """What is flown. Arguments and errors are those of `fly`."""
 
-    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed):
+    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
         """Check all of it, and bind it to the model; nothing is compiled."""
-        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed)
+        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
@@ -51,21 +52,48 @@ class Campaign:
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
-        self.law = laws.bind(law, model.flight, nominal, model.units)
+        self.law = laws.bind(law, model.flight, nominal, model.units, truth)
+        self.truth = self._truth_told()
+        self.senses = self._bound(senses)
         self.trigger, end, self.end = laws.trigger_of(trigger, model.flight, nominal, model.units(nominal))
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
             require_numbers(parts if isinstance(parts, tuple) else (), what)
         if end:
-            self.p = laws.extended(type(self.p))(*self.p, end)
+            self.p = laws.extended(type(self.p), "end")(*self.p, end)
+        if self.senses.kinds:
+            self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
         self.schedule(history)
         self.reached = self._reached()
-        means = (np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle))
+        means = [np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle)]
         require(
-            not self.met_at_the_start(*means).any(),
+            not self.met_at_the_start(means[0], np.vstack([means[1], np.zeros((len(self.senses.constants), 1))])).any(),
             f"{self.end.removeprefix('ended: ')}: this trigger is met at the start; one that returns a number is "
             f"positive until the flight ends, one that returns a bool False",
         )
+
+    def _bound(self, senses):
+        """Senses, checked, as a flight takes them."""
+        flight = self.model.flight
+        if senses is None:
+            return Bound((), None, (), ())
+        require(isinstance(senses, Senses), f"senses is {senses!r}; give Senses(altitude=Error(noise=20.0))")
+        require(
+            not flight.guides and "navigate" not in flight.classes,
+            "senses: the model has guidance or navigation of its own; disperse what these read",
+        )
+        told = laws.told_by(flight)._fields
+        return senses.bound(told, self.model.units(told), self.period)
+
+    def _truth_told(self):
+        """What the law is told of the truth, by name."""
+        return tuple(name for name in laws.TRUTH if len(self.law.kind) == 3 and name in self.law.kind[2])
+
+    def vehicle_of(self, numbers):
+        """The vehicle that functions of the model ask for: a NamedTuple of these rows, or nothing."""
+        kind = type(self.model.vehicle)
+        kind = laws.extended(kind, *self.senses.constants) if self.senses.constants else kind
+        return kind(*numbers) if len(numbers) else ()
 
     def __reduce__(self):
         """Pickle what was declared, which another process binds again, and the digest of all that it reaches."""
@@ -78,7 +106,7 @@ class Campaign:
 
     def flight(self):
         """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.trigger)
+        return laws.completed(self.model.flight, self.law.kind, self.trigger, self.senses.kinds)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -95,10 +123,16 @@ class Campaign:
         return schedule._replace(every=round(steps))
 
     def drawn(self, trials):
-        """Start and vehicle of these trials, (numbers, trials). Raises ValueError for numbers beyond their bounds."""
+        """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
+
+        Raises ValueError for numbers beyond their bounds.
+        """
         bounds = self.model.bounds
         start = self.start.sample(self.seed, START, trials, bounds)
-        return start, self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        if self.senses.constants:
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+        return start, vehicle
 
     def met_at_the_start(self, start, vehicle):
         """Which trials meet the trigger where they start. Arguments: tables (numbers, trials)."""
@@ -108,8 +142,7 @@ class Campaign:
         asked, finds_zero = inspect.signature(ended).parameters, flight.classes["ended"] is float
 
         def met(start, vehicle):
-            vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
-            offered = {"state": state(*start), "vehicle": vehicle, "p": self.p}
+            offered = {"state": state(*start), "vehicle": self.vehicle_of(vehicle), "p": self.p}
             value = ended(*(offered[name] for name in asked))
             return value <= 0.0 if finds_zero else value
 
@@ -129,11 +162,15 @@ class Campaign:
             "processes do not see what a script sets below `if __name__`: set that above, or give it as law=",
         )
         state, (start, vehicle) = self.model.flight.parts["state"], self.drawn(trials)
-        vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
-        options = {"vehicle": vehicle, "law": self.law.parameters, "nodes": self.model.nodes, "seed": self.seed}
-        options |= {"first_trial": trials[0], "streams": (NOISE, AIR)}
+        options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
+        options |= {
+            "seed": self.seed,
+            "first_trial": trials[0],
+            "streams": (NOISE, AIR),
+            "navigation_stream": NAVIGATION,
+        }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
         return self.flight().fly(*arguments, **options)

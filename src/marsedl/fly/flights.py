@@ -53,8 +53,8 @@ class OneFlight(NamedTuple):
 class Flights:
     """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name.
 
-    These are the true state, and what laws are told besides; where `sense` has told laws another number under the name
-    of a state, that one is `sensed_<name>`.
+    These are the true state, and what is sensed besides; where `sense` has another number under the name of a state,
+    that one is `sensed_<name>`. What laws knew with errors, in the last guidance period, is `nav_<name>`.
     """
 
     campaign: Campaign
@@ -88,7 +88,14 @@ class Flights:
 
     def __repr__(self):
         """How many, and how they ended."""
-        return f"Flights({self.trials:,}: {', '.join(f'{count:,} {name}' for name, count in self.outcomes().items())})"
+        ended = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items())
+        truth = f"; the law is told the truth: {', '.join(self.truth)}" if self.truth else ""
+        return f"Flights({self.trials:,}: {ended}{truth})"
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """What the law is told of the truth of its trial by leave (`truth=True`), such as its vehicle."""
+        return self.campaign.truth
 
     @property
     def trials(self) -> int:
@@ -120,9 +127,9 @@ class Flights:
         suffix = name.rpartition("_")[2]
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
-        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("sensed_")
+        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
         if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, as laws are told"
+            return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
         return known.get(name, ("", name))
 
     def _counted(self):
@@ -320,4 +327,5 @@ class Flights:
             coordinates["time"] = ("time", times, {"units": "s", "long_name": "time"})
             for row, name in enumerate(self.campaign.flight().parts["stored"]._fields):
                 variables[f"{name}_history"] = described(("time", "trial"), self.histories[:, row], name)
-        return xarray.Dataset(variables, coordinates, {"seed": self.campaign.seed})
+        attributes = {"seed": self.campaign.seed, "truth_told_to_the_law": ", ".join(self.truth)}
+        return xarray.Dataset(variables, coordinates, attributes)

@@ -139,8 +139,8 @@ class Flight:
                 f"{name} is {numbers!r}; give a NamedTuple class with a field for each of its components",
             )
         require(
-            guide or not navigate,
-            "navigate tells guidance what it knows; this flight has no guide",
+            guide or not navigate or "command" in asked(rates, "rates"),
+            "navigate tells guidance what it knows; this flight has no guide, and rates asks for no command",
         )
         require(
             self.classes.get("ended") is not float or integrator is runge_kutta_4,
