@@ -13,17 +13,19 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 25_617,
+    "src/marsedl": 25_992,
     "src/marsedl/papers": 9_935,
     "src/marsedl/methods": 4_380,
     "src/marsedl/models": 636,
-    "src/marsedl/montecarlo": 1_608,  # a law is compiled alone, so that a new one takes a second
-    "src/marsedl/fly": 931,
+    # A law is compiled alone, so that a new one takes a second; navigation with a stream of its own, and ends that the
+    # loop tells, on all that is known.
+    "src/marsedl/montecarlo": 1_648,
+    "src/marsedl/fly": 1_120,  # errors of what laws know, leave for the truth, several triggers
     # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_341,
 }
-LINES = 36_587  # of tests
+LINES = 37_350  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

@@ -4,9 +4,20 @@
 """
 
 from marsedl.fly.campaign import Campaign
-from marsedl.fly.declared import MARS, Exponential, Markov, MultivariateNormal, Normal, Planet, Table, Uniform
+from marsedl.fly.declared import (
+    MARS,
+    Above,
+    Below,
+    Exponential,
+    Markov,
+    MultivariateNormal,
+    Normal,
+    Planet,
+    Table,
+    Uniform,
+)
 from marsedl.fly.flights import Flights, OneFlight
-from marsedl.fly.laws import Above, Below, GainTable
+from marsedl.fly.laws import GainTable
 from marsedl.fly.senses import Error, Senses, ThroughDrag
 from marsedl.fly.vehicles import Entry, Lander, Model
 
@@ -71,10 +82,14 @@ def fly(
             with errors; constant errors stay when others are added.
         truth: whether the law may ask for the `state` and the `vehicle` of its trial as they are (one with a memory for
             `found`, the air, too); the result says so.
-        trigger: `Below` or `Above` for a quantity of the state, or a function of (state, p) annotated to return a
-            float, which is positive until the flight ends and whose zero is found, or a bool. Trials that meet it where
-            they start have the outcome "trigger met at the start" and count in no statistics.
-        end_time: s, at which flights end that no trigger has ended.
+        trigger: `Below` or `Above` for a quantity of the state, one that is sensed, such as the range or the drag, or
+            the time; or a function of state, p, time, found, sensed, vehicle (as it asks) annotated to return a float,
+            which is positive until the flight ends and whose zero is found, or a bool. Or a mapping from outcomes to
+            several of these, {"parachute": Below("velocity", 480.0), "far": Above("range_km", 700.0)}: statistics are
+            of the flights that end by the first one. All hold the truth. `Entry` and `Lander` end on the ground, too,
+            but for a function that returns a bool. Trials that meet a trigger where they start have the outcome
+            "trigger met at the start" and count in no statistics.
+        end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
         period: of the guidance, s. substeps: integration steps in it.
         history: seconds from one stored state to the next; by default ends alone are stored.
         trials: how many. seed: of all random numbers, a whole number from 0 to 2**63 - 1.

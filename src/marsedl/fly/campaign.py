@@ -1,6 +1,5 @@
 """Flights as they are declared, checked and bound, and the flying of any of their trials."""
 
-import inspect
 import pickle
 import sys
 import time
@@ -17,6 +16,7 @@ from marsedl.fly import laws
 from marsedl.fly.declared import is_number, require_numbers
 from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.vehicles import Model
+from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
 START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
@@ -55,22 +55,33 @@ class Campaign:
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
         self.senses = self._bound(senses)
-        self.trigger, end, self.end = laws.trigger_of(trigger, model.flight, nominal, model.units(nominal))
+        self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
             require_numbers(parts if isinstance(parts, tuple) else (), what)
-        if end:
-            self.p = laws.extended(type(self.p), "end")(*self.p, end)
+        if self.ends.data:
+            self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
         if self.senses.kinds:
             self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
         self.schedule(history)
         self.reached = self._reached()
-        means = [np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle)]
+        met = self._met_by_the_mean_start()
         require(
-            not self.met_at_the_start(means[0], np.vstack([means[1], np.zeros((len(self.senses.constants), 1))])).any(),
-            f"{self.end.removeprefix('ended: ')}: this trigger is met at the start; one that returns a number is "
-            f"positive until the flight ends, one that returns a bool False",
+            met is None,
+            f"{self.ends.names[met or 0].removeprefix('ended: ')}: this trigger is met at the start; one that returns "
+            f"a number is positive until the flight ends, one that returns a bool False",
         )
+
+    def _met_by_the_mean_start(self):
+        """The number of the end that is met where the mean flight starts, or None."""
+        from marsedl.montecarlo.flights.in_python import met_at
+
+        flight = self.flight()
+        if flight.functions["ended"] is None:
+            return None
+        state = self.model.flight.parts["state"](*self.start.means)
+        vehicle = self.vehicle_of((*self.vehicle.means, *[0.0] * len(self.senses.constants)))
+        return met_at(flight, self.p, self.law.parameters, state, vehicle, self.model.nodes)
 
     def _bound(self, senses):
         """Senses, checked, as a flight takes them."""
@@ -106,7 +117,7 @@ class Campaign:
 
     def flight(self):
         """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.trigger, self.senses.kinds)
+        return laws.completed(self.model.flight, self.law.kind, self.ends.kind, self.senses.kinds)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -133,23 +144,6 @@ class Campaign:
         if self.senses.constants:
             vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
         return start, vehicle
-
-    def met_at_the_start(self, start, vehicle):
-        """Which trials meet the trigger where they start. Arguments: tables (numbers, trials)."""
-        flight, state = self.flight(), self.model.flight.parts["state"]
-        if (ended := flight.functions["ended"]) is None:
-            return np.zeros(start.shape[1], bool)
-        asked, finds_zero = inspect.signature(ended).parameters, flight.classes["ended"] is float
-
-        def met(start, vehicle):
-            offered = {"state": state(*start), "vehicle": self.vehicle_of(vehicle), "p": self.p}
-            value = ended(*(offered[name] for name in asked))
-            return value <= 0.0 if finds_zero else value
-
-        if self.trigger == "falls":  # a sum of the state's numbers, of arrays as well
-            return met(start, vehicle)
-        with np.errstate(all="ignore"):
-            return np.array([met(*numbers) for numbers in zip(start.T, vehicle.T, strict=True)], bool)
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -209,16 +203,20 @@ class Campaign:
             f"powers 0; write floats, such as 2.0",
         )
 
-    def outcomes(self, flown, trials):
-        """Outcome of every one of these trials, by name."""
+    def outcomes(self, flown):
+        """Outcome of every trial that was flown, by name."""
         finite = np.isfinite(flown.final_state).all(axis=0)
-        ended = flown.length < len(flown.history) if "ended" in self.flight().classes else True
-        outcome = np.broadcast_to(np.where(ended, self.end, OUT_OF_TIME), finite.shape).astype(object)
+        unended = OUT_OF_TIME if self.ends.aims else "completed"
+        outcome = np.array([*self.ends.names, AT_ONCE, unended], object)[flown.ended]  # -2 and -1 count from the end
         for name, failed in self.failures(flown.final_state).items():
             outcome[failed] = name
-        outcome[self.met_at_the_start(*self.drawn(trials))] = AT_ONCE
+        outcome[flown.ended == MET_AT_THE_START] = AT_ONCE
         outcome[~finite] = NOT_FINITE
         return outcome.astype(str)
+
+    def counts(self, outcome):
+        """Which of these outcomes count in statistics: the first end; of flights that aim at none any end."""
+        return np.isin(outcome, self.ends.names[:1] if self.ends.aims else [*self.ends.names, "completed"])
 
     def failures(self, numbers):
         """Which flights of these final numbers failed in a way that the model names, by its name."""
@@ -232,7 +230,7 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
         flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
-        return flown.final_state, self.outcomes(flown, trials), history
+        return flown.final_state, self.outcomes(flown), history
 
     def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""

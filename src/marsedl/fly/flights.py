@@ -41,7 +41,7 @@ def _needed(level):
 
 
 class OneFlight(NamedTuple):
-    """One trial alone: a data frame of what is stored at every integration step, its final numbers, its outcome."""
+    """One trial alone: a data frame of what is stored at every integration step and the end, final numbers, outcome."""
 
     trial: int
     history: Any
@@ -134,9 +134,10 @@ class Flights:
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""
-        end, outcomes = self.campaign.end, self.outcomes()
-        others = ", ".join(f"{count:,} {name}" for name, count in outcomes.items() if name != end)
-        return self.outcome == end, f"{others} of {self.trials:,} flights left out" if others else ""
+        counted = self.campaign.counts(self.outcome)
+        lost = {*self.outcome[~counted]}
+        others = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items() if name in lost)
+        return counted, f"{others} of {self.trials:,} flights left out" if others else ""
 
     def percentiles(self, names, levels=(1, 50, 99), confidence=0.95):
         """Percentiles of final numbers over all flights that ended, with distribution-free confidence intervals.
@@ -296,7 +297,10 @@ class Flights:
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
-        return OneFlight(trial, history, final, str(campaign.outcomes(flown, range(trial, trial + 1))[0]))
+        if "end_time" in final:  # of an end within a step; the command is held
+            held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
+            history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
+        return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]))
 
     def to_pandas(self):
         """Data frame of the final numbers and the outcome of every flight, in SI units."""

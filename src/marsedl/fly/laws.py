@@ -3,6 +3,7 @@
 import inspect
 import warnings
 from collections import namedtuple
+from collections.abc import Mapping
 from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
@@ -10,27 +11,13 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from marsedl.fly.declared import SUFFIXES, is_number, resolve
+from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, resolve
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
 from marsedl.words import described, remedy, require
 
-__all__ = ["Above", "Below", "GainTable"]
-
-
-class Below(NamedTuple):
-    """Trigger: ends a flight where a quantity of its state falls to a value."""
-
-    quantity: str
-    value: float
-
-
-class Above(NamedTuple):
-    """Trigger: ends a flight where a quantity of its state rises to a value."""
-
-    quantity: str
-    value: float
+__all__ = ["GainTable"]
 
 
 class GainTable:
@@ -256,39 +243,110 @@ def _made(text, returns, like=None, **names):
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: the sum of weights x state falls to a value; one kernel serves all."""
+    """Where a trigger ends a flight: a sum of weights x quantities falls to a value; one kernel serves all of them."""
 
     weights: tuple[float, ...]
     value: float
 
 
-def trigger_of(trigger, flight, nominal, units):
-    """Function `ended` of a trigger ("falls" for one that is data), its `End` or None, and what an end is called.
+class Ends(NamedTuple):
+    """What ends the flights of a campaign."""
+
+    kind: tuple  # what `ended` is made from: of each end a function, or the names that its weights are of
+    data: tuple[End, ...]  # of the ends that are data, in their order
+    names: tuple[str, ...]  # outcomes, in their order
+    aims: bool  # whether flights that do not reach the first end count in no statistics
+
+
+def ends_of(trigger, model, nominal) -> Ends:
+    """Ends of a flight: the trigger, or several by name, and those that its model has.
 
     Args:
-        trigger: None, a function, `Below` or `Above`. flight: `Flight`. nominal: start by name. units: of the state.
+        trigger: None, a function, `Below` or `Above`, or a mapping from outcomes to these. model: `Model`. nominal:
+            start by name.
 
     Raises:
-        ValueError: for a quantity that is not of the state, or is beyond the trigger at the start.
+        ValueError: for a quantity that is not known of a flight, or is beyond the trigger at the start.
     """
-    if trigger is None or callable(trigger):
-        require(
-            trigger is None or "ended" not in flight.classes,
-            "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
-        )
-        named = trigger or flight.functions["ended"]
-        return trigger, None, f"ended: {named.__name__}" if named else "completed"
+    from marsedl.montecarlo.flights.binding import hints
+
+    flight, sensed = model.flight, model.flight.parts["sensed"]._fields
+    own, state = flight.functions["ended"], flight.parts["state"]._fields
     require(
-        isinstance(trigger, Below | Above),
-        f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function",
+        trigger is None or own is None,
+        "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
     )
+    if own is not None:
+        several = getattr(flight.classes["ended"], "_fields", None)
+        return Ends(("own",), (), several or (f"ended: {own.__name__}",), aims=True)
+    given = trigger if isinstance(trigger, Mapping) else {} if trigger is None else {None: trigger}
+    whole, kinds, data, names = {**model.ends, **given}, [], [], []
+    whole = {**given, **whole}  # the given ones first
+    single = [one for one in whole.values() if callable(one) and hints(one).get("return") is bool]
+    if single:  # it ends flights after a step, alone
+        require(
+            not isinstance(trigger, Mapping), f"{described(single[0])} returns a bool; let named triggers be floats"
+        )
+        whole = {None: single[0]}
+    units = model.units([*state, *(name for name in sensed if name not in state), "time"]) | {"time": "s"}
+    for outcome, one in whole.items():
+        require(
+            isinstance(one, Below | Above) or callable(one),
+            f"trigger {one!r} is none: give Below(name, value), Above(name, value) or a function",
+        )
+        if callable(one):
+            kinds.append(one)
+            names.append(outcome or f"ended: {one.__name__}")
+        else:
+            advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
+            kind, end, text = _crossing(one, state, units, nominal, advice)
+            kinds.append(kind)
+            data.append(end)
+            names.append(outcome or f"ended: {text}")
+    return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
+
+
+def _crossing(trigger, state, units, nominal, advice):
+    """Of `Below` or `Above`: the names that its weights are of, its `End`, and what it says. Checked; see `ends_of`.
+
+    state: names of the state. units: of all that is known. advice: what else a user may do if it is met at the start.
+    """
     name, factor = resolve(trigger.quantity, units, "trigger")
     sign, word = (1.0, "below") if isinstance(trigger, Below) else (-1.0, "above")
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
-    end = End(tuple(sign if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
     text = f"{trigger.quantity} {word} {trigger.value:g}"
-    require(sign * nominal[name] > end.value, f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
-    return "falls", end, f"ended: {text}"
+    value = sign * factor * float(trigger.value)
+    if name not in state:  # whether it is met at the start, a flight's functions say
+        return ("time" if name == "time" else f"sensed.{name}",), End((sign,), value), text
+    require(
+        sign * nominal[name] > value,
+        f"trigger {text} is met at the start, where {name} is {nominal[name]:g}{advice}",
+    )
+    weights = tuple(sign if other == name else 0.0 for other in state)
+    return tuple(f"state.{other}" for other in state), End(weights, value), text
+
+
+def _ended_by(kind):
+    """Function `ended` of these ends; one that is data reads its number from `p.ends`."""
+    if len(kind) == 1 and callable(kind[0]):
+        return kind[0]
+    asked, terms, functions = {}, [], {}
+    for one in kind:
+        if callable(one):
+            arguments = inspect.signature(one).parameters
+            functions[f"end_{len(functions)}"] = one
+            terms.append(f"end_{len(functions) - 1}({', '.join(arguments)})")
+            asked |= dict.fromkeys(arguments)
+        else:
+            place = len(terms) - len(functions)
+            weighted = (f"p.ends[{place}].weights[{row}] * {name}" for row, name in enumerate(one))
+            terms.append(f"{' + '.join(weighted)} - p.ends[{place}].value")
+            asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
+    text = f"({', '.join(asked)}):\n    return "
+    if len(terms) == 1:
+        return _made(text + terms[0], float)
+    returns = namedtuple("Reached", [f"end_{row}" for row in range(len(terms))])
+    return _made(f"{text}Reached({', '.join(terms)})", returns, Reached=returns, **functions)
 
 
 @lru_cache(64)
@@ -300,11 +358,11 @@ def extended(kind, *names):
 
 
 @lru_cache(64)
-def completed(flight, law, trigger, senses=()):
+def completed(flight, law, ends, senses=()):
     """The flight with its law and trigger, which stores what laws are told and command, and the time of its end.
 
     Args:
-        flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None. senses: `senses.Bound.kinds`.
+        flight: `Flight`. law: `Bound.kind`. ends: `Ends.kind`. senses: `senses.Bound.kinds`.
     """
     from marsedl.montecarlo.flights import Flight, Nothing
     from marsedl.montecarlo.flights.binding import hints
@@ -335,10 +393,8 @@ def completed(flight, law, trigger, senses=()):
             needed = ", ".join(dict.fromkeys(own.get(name, name).partition(".")[0] for name in asked))
             text = f"({needed}):\n    return law_of_user({arguments}), ()"
             parts["guide"] = _made(text, returns, function, law_of_user=function)
-    if trigger is not None:
-        terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
-        falls = f"(state, p):\n    return {' + '.join(terms)} - p.end.value"
-        parts["ended"] = trigger if callable(trigger) else _made(falls, float)
+    if ends and ends != ("own",):
+        parts["ended"] = _ended_by(ends)
     guide = parts["guide"]
     guide = guide[0] if isinstance(guide, tuple) else guide
     commands = get_args(hints(guide)["return"])[0]._fields if guide else ()

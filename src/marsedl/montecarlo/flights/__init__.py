@@ -12,7 +12,7 @@ do in pytest, and its annotation tells the parts of the flight, which are NamedT
     guide(time, sensed, memory, law, ...) -> tuple[Command, Memory]   once a guidance period; the command is held
     phase(sensed, memory, ...) -> int           which of several functions guide steers the trial
     interrupts(state, memory, ...) -> bool      whether guide is due at a step within a period, too
-    ended(state, p) -> float or bool            a number: its zero is found; a truth: at the end of the step
+    ended(state, p) -> float, Ends or bool      a number: its zero is found; several: the first; a truth: after a step
     watch(watched, ...) -> Watched              a fold, such as a maximum or a count; starts with its class's defaults
     store, observe (...) -> tuple               what is stored of a flight over time
     finish(time, ...) -> Final                  what is stored of its end

@@ -3,10 +3,11 @@
 import numpy as np
 
 from marsedl.montecarlo.flights.addressed import call_at
-from marsedl.montecarlo.flights.binding import compiled
+from marsedl.montecarlo.flights.binding import asked, compiled
 from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter
 from marsedl.montecarlo.integrators import END_ITERATIONS, narrowed
 from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
+from marsedl.montecarlo.outcomes import MET_AT_THE_START, NOTHING
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 
@@ -54,7 +55,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     rates, rates_of_one = loop("rates"), loop("rates", single=True)
     look_up, look_up_one = loop("look_up"), loop("look_up", single=True)
     ended, ended_one = loop("ended"), loop("ended", single=True)
-    sense, phase, interrupts = loop("sense"), loop("phase"), loop("interrupts")
+    sense, sense_one = loop("sense"), loop("sense", single=True)
+    phase, interrupts = loop("phase"), loop("interrupts")
     navigate = loop("navigate", masked=True)
     consult = absent if by_address else loop("consult")
     watch, store, observe, finish = loop("watch", masked=True), loop("store"), loop("observe"), loop("finish")
@@ -64,7 +66,10 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     ends, varies, watches, interrupted_by, navigates = (
         model.functions[role] is not None for role in ("ended", "vary", "watch", "interrupts", "navigate")
     )
-    phases, finds_root = len(model.guides), model.classes.get("ended") is float
+    phases, finds_root = len(model.guides), model.classes.get("ended") is not bool
+    judged = asked(model.functions["ended"], "ended") if ends else ()
+    judges_sensed = "sensed" in judged
+    judges_found = judges_sensed or "found" in judged
     STATES, FOUND, SENSED, NAV, DRAWS, ADVICE, COMMANDS, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
         len(kinds[name]._fields)
         for name in (
@@ -103,12 +108,22 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
 
     @named_njit
-    def to_end(lane, before, parameters, noise, state, slope, end, excess):
+    def excess_of(lane, now, half_index, state, found, sensed, parameters, excess):
+        """Evaluate `ended` for a single lane, and what it asks for."""
+        command, vehicle, air, p = parameters[4:8]
+        if judges_found:
+            look_up_one(lane, half_index, now, state, air, p, found)
+        if judges_sensed:
+            sense_one(lane, half_index, now, state, found, command, vehicle, p, sensed)
+        ended_one(lane, now, state, found, sensed, vehicle, p, excess)
+
+    @named_njit
+    def to_end(lane, before, parameters, noise, state, slope, end, sensed, excess):
         """Fly the part of a step after which `ended` is zero, and return it; `end` was the end of the whole step."""
-        step, vehicle, p = parameters[2], parameters[5], parameters[7]
-        ended_one(lane, before, vehicle, p, excess)
+        time, base, step, found = parameters[:4]
+        excess_of(lane, time, base, before, found, sensed, parameters, excess)
         part, above = step, excess[0, lane]
-        ended_one(lane, end, vehicle, p, excess)
+        excess_of(lane, time + step, base + 2, end, found, sensed, parameters, excess)
         bracket = (0.0, step, above, excess[0, lane], 0.0)
         if above <= 0.0:  # it began behind its end
             step_lane(0.0, lane, before, parameters, noise, state, slope, end)
@@ -117,7 +132,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             lower, upper, above, below, _ = bracket
             part = (lower * below - upper * above) / (below - above)
             step_lane(part, lane, before, parameters, noise, state, slope, end)
-            ended_one(lane, end, vehicle, p, excess)
+            excess_of(lane, time + part, base + 2, end, found, sensed, parameters, excess)
             if abs(excess[0, lane]) <= end_tolerance:
                 break
             bracket = _narrowed(bracket, part, excess[0, lane])
@@ -190,7 +205,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         p, law, air, past = dress_p(p_values), dress_law(law_values), borrowed(table), borrowed(pasts)
         cycle_start, cycle_step, cycle_steps, every, stores_end = pace
         seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream = draws
-        history, observed, stored_watched, length, stored_final = results
+        history, observed, stored_watched, length, stored_final, ended_by = results
         rows_stored = min(STORED, history.shape[1])
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
         work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
@@ -200,7 +215,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         memory = lane_array(len(memories))  # of laws by address as much as each remembers
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
-        turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
+        turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
         for row in range(DRAWN):
@@ -225,6 +240,16 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             for row in range(NAV):
                 nav[row, lane] = 0.0
             flying[0, lane], guided[0, lane], in_phase[0, lane] = 1.0, 0.0, 0.0
+            excess[1, lane], ended_by[first + lane] = 0.0, NOTHING
+        if ends:
+            if judges_found:
+                look_up(0, cycle_start[0], state, air, p, found)
+            if judges_sensed:
+                sense(0, cycle_start[0], state, found, command, vehicle, p, sensed)
+            ended(cycle_start[0], state, found, sensed, vehicle, p, excess)
+            for lane in range(LANES):
+                behind = excess[0, lane] <= 0.0 if finds_root else excess[0, lane] != 0.0
+                ended_by[first + lane] = MET_AT_THE_START if behind else NOTHING
 
         # Not literals: what is called with them would be compiled for the literal, and once more for any integer.
         cycle, substep, flown, remaining = np.int64(0), np.int64(0), np.int64(0), np.int64(LANES)
@@ -314,7 +339,11 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             advance(flown, step, state, noise, parameters, work)
             known[0] = False
             if ends:
-                ended(state, vehicle, p, excess)
+                if judges_found:
+                    look_up(half_index + 2, time + step, state, air, p, found)
+                if judges_sensed:
+                    sense(half_index + 2, time + step, state, found, command, vehicle, p, sensed)
+                ended(time + step, state, found, sensed, vehicle, p, excess)
                 reached = 0
                 for lane in range(LANES):
                     behind = excess[0, lane] <= 0.0 if finds_root else excess[0, lane] != 0.0
@@ -327,7 +356,9 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                                 at_end[row, lane] = state[row, lane]
                             part = step
                             if finds_root:
-                                part = to_end(lane, before, parameters, noise, work[0], work[1], at_end, excess)
+                                part = to_end(lane, before, parameters, noise, *work[:2], at_end, sensed, excess)
+                            if ended_by[first + lane] == NOTHING:
+                                ended_by[first + lane] = np.int8(excess[1, lane])
                             end_time[0, lane] = time + part
                             length[first + lane] = flown // every + 1
                             flying[0, lane] = 0.0

@@ -143,7 +143,7 @@ class Flight:
             "navigate tells guidance what it knows; this flight has no guide, and rates asks for no command",
         )
         require(
-            self.classes.get("ended") is not float or integrator is runge_kutta_4,
+            self.classes.get("ended", bool) is bool or integrator is runge_kutta_4,
             f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
             f"integrator return a bool, which ends a flight at the end of a step",
         )
@@ -255,6 +255,7 @@ class Flight:
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
             length=np.full(padded, times, np.int64),
+            ended=np.empty(padded, np.int8),
         )
         pace = (np.asarray(schedule.start, float), np.asarray(schedule.step, float), np.asarray(schedule.steps, int))
         settings = (
@@ -263,7 +264,7 @@ class Flight:
             (len(air) or int(nodes), int(past)),
         )
         tables = (start, vehicle, np.array(tuple(memory), float), air)
-        results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
+        results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state, flown.ended)
         groups, threads = padded // LANES, min(get_num_threads(), padded // LANES)
         bounds = [groups * number // threads for number in range(threads + 1)]
 
