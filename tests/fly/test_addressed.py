@@ -90,7 +90,7 @@ def compiled(prefix):
 def test_laws_of_a_vehicle_compile_one_kernel_and_fly_as_in_python():
     flights = [fly(PROBE, law=LAWS[0], **DROP)]
     kernels, laws = compiled("fly_"), compiled("law_")
-    flights += [fly(PROBE, law=law, **DROP) for law in LAWS[1:]]
+    flights += [fly(PROBE, law=law, truth=law is remembers, **DROP) for law in LAWS[1:]]
     assert compiled("fly_") == kernels
     assert len(compiled("law_") - laws) == 6  # that with other parameters is the same law
     for flown in flights:
@@ -309,7 +309,7 @@ def test_a_law_flies_what_its_holders_hold_now(monkeypatch):
 
 def test_flights_in_python_are_the_compiled_ones_and_compile_nothing():
     def flown(trials, **how):
-        return fly(PROBE, law=remembers, history=5.0, seed=3, **DROP | {"trials": trials}, **how)
+        return fly(PROBE, law=remembers, truth=True, history=5.0, seed=3, **DROP | {"trials": trials}, **how)
 
     compiled_flights = flown(5)
     model._COMPILED.clear()

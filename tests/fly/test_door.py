@@ -74,6 +74,10 @@ def exits(state) -> float:
     return state.altitude - 600.0 if state.altitude > 500.0 else -1.0
 
 
+def never(state) -> bool:
+    return state.altitude > 1e9
+
+
 def rises(state) -> bool:
     return state.speed > -19.0
 
@@ -140,7 +144,7 @@ def test_flights_above_the_highest_node_are_told_as_those_below_the_lowest_are()
         fly(Entry(115.0), skips, **ENTERS | {"end_time": 60.0})
     sinks = {"altitude": 1e3, "velocity": 300.0, "flight_path_angle_deg": -80.0}
     with pytest.warns(UserWarning, match=r"2 flights went below -5000 m, the lowest node of the air"):
-        fly(Entry(115.0), sinks, **ENTERS | {"end_time": 60.0, "trigger": Below("velocity", 10.0)})
+        fly(Entry(115.0, ground=None), sinks, **ENTERS | {"end_time": 60.0, "trigger": Below("velocity", 10.0)})
 
 
 def test_gain_tables_take_degrees_and_kilometres_by_suffix_and_refuse_degrees_without(tmp_path):
@@ -290,6 +294,47 @@ def test_trials_that_begin_behind_the_trigger_are_an_outcome_of_their_own():
         assert flown.replay(int(np.flatnonzero(behind)[0])).outcome == "trigger met at the start"
 
 
+def far(sensed) -> float:
+    return 500e3 - sensed.range
+
+
+def test_triggers_have_names_and_hold_all_that_is_known():
+    """A range, a drag, a time and a function: each ends the flights that it should, at the value that it has."""
+    steep = START | {"flight_path_angle_deg": Uniform(-16.0, -11.0)}
+    triggers = {"slow": Below("velocity", 4500.0), "far": far, "felt": Above("drag", 70.0), "late": Above("time", 95.5)}
+    options = {"end_time": 200.0, "trials": 100, "seed": 4}
+    flights = fly(Entry(Uniform(80.0, 200.0)), steep, trigger=triggers, **options)
+    final, outcome = flights.final, flights.outcome
+    assert {*flights.outcomes()} == {*triggers}
+    np.testing.assert_allclose(final["velocity"][outcome == "slow"], 4500.0, atol=1e-9)
+    np.testing.assert_allclose(final["range"][outcome == "far"], 500e3, atol=1e-6)
+    np.testing.assert_allclose(final["drag"][outcome == "felt"], 70.0, atol=1e-9)
+    np.testing.assert_allclose(final["end_time"][outcome == "late"], 95.5, atol=1e-9)
+    for name, sign, value in (
+        ("velocity", 1, 4200.0),
+        ("range", -1, 500e3),
+        ("drag", -1, 70.0),
+        ("end_time", -1, 95.5),
+    ):
+        assert (sign * (final[name] - value) > -1e-6).all()  # none went on
+    for trial in [int(np.flatnonzero(outcome == name)[0]) for name in triggers]:
+        alone = flights.replay(trial, in_python=True)
+        assert alone.outcome == outcome[trial] and alone.final == flights.replay(trial).final
+        assert all(alone.final[name] == final[name][trial] for name in final)
+    note = flights.percentiles("range")["note"].iloc[0]
+    assert all(name in note for name in ("far", "felt", "late")) and "slow" not in note
+
+
+def test_the_last_row_of_a_history_is_the_end():
+    flight = fly(Entry(115.0), START, **ENTERS | {"trials": 1}).replay(0)
+    last = flight.history.iloc[-1]
+    assert flight.history.index[-1] == flight.final["end_time"]
+    assert all(last[name] == flight.final[name] for name in flight.history if name != "bank")
+    assert abs(last["velocity"] - 480.0) < 1e-9 and flight.history.index.is_monotonic_increasing
+    whole = fly(Entry(115.0), START, end_time=20.0, trials=1).replay(0).history  # that no trigger ends
+    assert len(whole) == 20 * 4 + 1
+
+
 @pytest.mark.parametrize("trigger", [exits, rises])
 def test_a_function_that_is_met_at_the_start_is_refused_and_by_some_trials_an_outcome(trigger):
     met = {"altitude": 400.0, "speed": -18.0}
@@ -315,12 +360,23 @@ def test_the_extremes_of_a_flight_include_its_end():
     assert (climbed["max_altitude"] == climbed["altitude"]).all()
 
 
-def test_flights_under_the_ground_are_told():
+def test_flights_end_on_the_ground_unless_told_otherwise():
     low = {"altitude": 125.0, "velocity": 5500.0, "flight_path_angle_deg": -14.0}
+    crashed = fly(Entry(115.0), low, **ENTERS | {"end_time": 2.0})
+    assert crashed.outcomes() == {"on the ground": 2}
+    np.testing.assert_allclose(crashed.final["altitude"], 0.0, atol=1e-9)
+    lost = crashed.percentiles("range")  # they were to reach their velocity
+    assert lost["value"].isna().all() and lost["note"].str.endswith("2 on the ground of 2 flights left out").all()
+    landed = fly(replace(LANDER, ground=900.0), LANDED, end_time=20.0, trials=2)
+    assert landed.outcomes() == {"on the ground": 2}
+    np.testing.assert_allclose(landed.final["altitude"], 900.0, atol=1e-9)
+    assert landed.percentiles("vertical_velocity")["value"].notna().all()  # they were to reach nothing else
+    with pytest.raises(
+        ValueError, match=r"altitude below 900 is met at the start, .* the model has this end, such as its ground"
+    ):
+        fly(replace(LANDER, ground=900.0), LANDED | {"altitude": 800.0}, end_time=20.0, trials=2)
     with pytest.warns(UserWarning, match=r"2 flights went below the ground at 0 m, down to -[\d.]+ m: a trigger"):
-        fly(Entry(115.0), low, **ENTERS | {"end_time": 2.0})
-    with pytest.warns(UserWarning, match=r"2 flights went below the ground at 900 m, down to "):
-        fly(replace(LANDER, ground=900.0), LANDED, end_time=20.0, trials=2)
+        fly(Entry(115.0), low, **ENTERS | {"trigger": never, "end_time": 2.0})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fly(replace(LANDER, ground=None), LANDED, end_time=20.0, trials=2)

@@ -45,7 +45,7 @@ def test_every_example_is_tested():
     tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
     # These read a build: tests/results/test_results.py, tests/replication/universes/test_on_a_paper.py.
     elsewhere = {"results": 6, "universes": 1, "formats": 1, "using": 1}
-    expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 3}
+    expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 4}
     assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
     assert len(tested) == 4
 
@@ -214,6 +214,17 @@ def test_monte_carlo_example_halves_the_deviation_of_the_range(entries):
     assert middle["lower"] < np.median(guided) < middle["upper"]
     np.testing.assert_allclose(np.median(entries["unguided"].final["crossrange"]), 49e3, rtol=0.01)
     assert entries["one"].final["range"] == entries["guided"].final["range"][1234]
+
+
+def test_what_a_law_knows_has_the_errors_that_the_page_declares():
+    text = examples(ROOT / "docs/examples/monte_carlo.md")[3]
+    names = {"__name__": "__main__"}
+    few = text.replace('"end_time": 420.0}', '"end_time": 420.0, "trials": 2, "compiled": False}')
+    exec(compile(few, "monte_carlo", "exec"), names)
+    real, perfect = names["real"], names["perfect"]
+    np.testing.assert_allclose([*real.final["velocity"], *perfect.final["velocity"]], 480.0, atol=1e-9)
+    assert (np.abs(real.final["nav_altitude"] - real.final["altitude"]) > 1.0).all()
+    assert (real.final["range"] != perfect.final["range"]).all()
 
 
 def test_a_law_as_a_function_keeps_its_deadband_in_a_pool_of_processes(tmp_path):

@@ -83,6 +83,16 @@ class Advice(NamedTuple):
     floor: float
 
 
+class Errors(NamedTuple):
+    constant: float
+    noise: float
+
+
+class Known(NamedTuple):
+    speed: float
+    constant: float
+
+
 class Fastest(NamedTuple):
     speed: float = -np.inf
 
@@ -104,6 +114,7 @@ class End(NamedTuple):
     v: float
     calls: float
     walked: float
+    known: float
 
 
 def rates(state, found, command, vehicle, noise, p) -> State:
@@ -126,6 +137,11 @@ def sense(state, found, vehicle) -> Felt:
     return Felt(abs(state.v), vehicle.drag * found.density * state.v * state.v)
 
 
+def navigate(cycle, time, sensed, nav, draws, vehicle, p) -> Known:
+    constant = draws.constant if cycle == 0 else nav.constant
+    return Known(sensed.speed + vehicle.drag * constant + draws.noise / p.gravity + 1e-3 * time, constant)
+
+
 def consult(sensed, law) -> Advice:
     floor = 0.0
     for number in range(3):
@@ -134,8 +150,8 @@ def consult(sensed, law) -> Advice:
     return Advice(floor)
 
 
-def phase(sensed, memory) -> int:
-    return 1 if sensed.speed > 4.0 * memory.largest else 0
+def phase(sensed, nav, memory) -> int:
+    return 1 if max(sensed.speed, nav.speed) > 4.0 * memory.largest else 0
 
 
 def glide(sensed, advice, memory, past) -> tuple[Brake, Memory]:
@@ -143,9 +159,9 @@ def glide(sensed, advice, memory, past) -> tuple[Brake, Memory]:
     return Brake(advice.floor), Memory(memory.calls + 1.0, max(memory.largest, 0.1 * sensed.speed))
 
 
-def brake(share, sensed, advice, memory, past, law) -> tuple[Brake, Memory]:
+def brake(share, sensed, nav, advice, memory, past, law) -> tuple[Brake, Memory]:
     past[1] = sensed.drag
-    wanted = law.gain * sensed.speed + advice.floor + share + 1e-3 * past[1]
+    wanted = law.gain * nav.speed + advice.floor + share + 1e-3 * past[1]
     return Brake(wanted if wanted < law.limit else law.limit), Memory(memory.calls + 1.0, memory.largest)
 
 
@@ -169,8 +185,8 @@ def observe(sensed, guided) -> Seen:
     return Seen(sensed.drag, guided)
 
 
-def finish(time, state, memory, drawn) -> End:
-    return End(time, state.h, state.v, memory.calls, drawn.value)
+def finish(time, state, nav, memory, drawn) -> End:
+    return End(time, state.h, state.v, memory.calls, drawn.value, nav.speed)
 
 
 def landed(state) -> bool:
@@ -190,6 +206,8 @@ WHOLE = Flight(
     look_up=look_up,
     vary=vary,
     sense=sense,
+    navigate=navigate,
+    draws=Errors,
     consult=consult,
     phase=phase,
     guide=(glide, brake),
@@ -352,6 +370,99 @@ def steady(sensed, memory) -> tuple[Brake, Memory]:
     return Brake(0.5 * sensed.speed), Memory(memory.calls + 1.0, memory.largest)
 
 
+class Cart(NamedTuple):
+    x: float
+    v: float
+
+
+class Navigation(NamedTuple):
+    initial: float
+    walk: float
+    noise: float
+    end: float
+
+
+class Measured(NamedTuple):
+    x: float
+    v: float
+    offset: float
+
+
+class Draws(NamedTuple):
+    x: float
+    v: float
+
+
+class Both(NamedTuple):
+    x: float
+    known: float
+
+
+def rolls(state, command) -> Cart:
+    return Cart(state.v, command.thrust)
+
+
+def measure(cycle, sensed, nav, draws, p) -> Measured:
+    offset = p.initial * draws.x if cycle == 0 else nav.offset + p.walk * draws.x
+    return Measured(sensed.x + offset, sensed.v + p.noise * draws.v, offset)
+
+
+def truly(state) -> Cart:
+    return state
+
+
+def steer(nav, memory) -> tuple[Brake, Memory]:
+    return Brake(-0.25 * nav.x - 0.9 * nav.v), Memory(memory.calls + 1.0, max(memory.largest, nav.x))
+
+
+def store_both(state, nav) -> Both:
+    return Both(state.x, nav.x)
+
+
+def finish_both(state, nav) -> Both:
+    return Both(state.x, nav.x)
+
+
+def arrived(state, p) -> bool:
+    return state.x <= p.end
+
+
+CART = Flight(
+    rolls,
+    sense=truly,
+    navigate=measure,
+    draws=Draws,
+    guide=steer,
+    ended=arrived,
+    store=store_both,
+    finish=finish_both,
+)
+MINUTE = periods(60.0, 1.0, 2)
+
+
+def test_errors_of_navigation_grow_as_their_theory_says():
+    """An initial error of 5 and a random walk of 0.5 a period: at 0, 30, 59 s the deviation is that of their sum."""
+    trials = 20_000
+    flown = CART.fly(Navigation(5.0, 0.5, 0.1, -1e9), MINUTE, Cart(100.0, 0.0), trials=trials, seed=3)
+    error, periods_passed = flown.history[:-1, 1] - flown.history[:-1, 0], np.arange(60)
+    theory = np.sqrt(5.0**2 + 0.5**2 * periods_passed)
+    np.testing.assert_allclose(error.std(axis=1), theory, rtol=4.0 / np.sqrt(2.0 * trials))
+    np.testing.assert_array_less(np.abs(error.mean(axis=1)), 4.0 * theory / np.sqrt(trials))
+    steps = np.diff(error, axis=0)  # those of a random walk are independent of each other
+    assert abs(np.corrcoef(steps[10], steps[11])[0, 1]) < 4.0 / np.sqrt(trials)
+
+
+def test_navigation_has_the_bits_of_python_alone_among_others_and_after_an_end():
+    p, start, trials = Navigation(5.0, 0.5, 0.1, 20.0), Cart(100.0, 0.0), LANES + 5
+    flown = CART.fly(p, MINUTE, start, trials=trials, seed=3)
+    assert len({*flown.length}) > 2  # what is known at a trial's end stays as others fly on
+    for trial in (0, LANES - 1, trials - 1):
+        assert_same(one(flown, trial), CART.fly_in_python(p, MINUTE, start, trial=trial, seed=3))
+        assert_same(one(flown, trial), CART.fly(p, MINUTE, start, trials=1, first_trial=trial, seed=3))
+    other = CART.fly(p, MINUTE, start, trials=trials, seed=3, navigation_stream=9)
+    assert (flown.history[0, 1] != other.history[0, 1]).all()
+
+
 def speed(state) -> Felt:
     return Felt(state.v, 0.0)
 
@@ -369,6 +480,10 @@ def test_bad_models_are_refused_by_name():
         Flight(falls, ended=ended, integrator=euler_maruyama)
     with pytest.raises(ValueError, match="noise is 1; give a NamedTuple class"):
         Flight(falls, noise=1)
+    with pytest.raises(ValueError, match="draws is 2; give a NamedTuple class"):
+        Flight(falls, draws=2)
+    with pytest.raises(ValueError, match="navigate tells guidance what it knows; this flight has no guide"):
+        Flight(falls, navigate=measure)
 
 
 @pytest.mark.parametrize(

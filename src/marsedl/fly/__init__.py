@@ -4,9 +4,21 @@
 """
 
 from marsedl.fly.campaign import Campaign
-from marsedl.fly.declared import MARS, Exponential, Markov, MultivariateNormal, Normal, Planet, Table, Uniform
+from marsedl.fly.declared import (
+    MARS,
+    Above,
+    Below,
+    Exponential,
+    Markov,
+    MultivariateNormal,
+    Normal,
+    Planet,
+    Table,
+    Uniform,
+)
 from marsedl.fly.flights import Flights, OneFlight
-from marsedl.fly.laws import Above, Below, GainTable
+from marsedl.fly.laws import GainTable
+from marsedl.fly.senses import Error, Senses, ThroughDrag
 from marsedl.fly.vehicles import Entry, Lander, Model
 
 __all__ = [
@@ -14,6 +26,7 @@ __all__ = [
     "Above",
     "Below",
     "Entry",
+    "Error",
     "Exponential",
     "Flights",
     "GainTable",
@@ -24,7 +37,9 @@ __all__ = [
     "Normal",
     "OneFlight",
     "Planet",
+    "Senses",
     "Table",
+    "ThroughDrag",
     "Uniform",
     "fly",
 ]
@@ -35,6 +50,8 @@ def fly(
     start,
     *,
     law=None,
+    senses=None,
+    truth=False,
     trigger=None,
     end_time,
     period=1.0,
@@ -56,13 +73,23 @@ def fly(
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
             `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
-            as `velocity` or `range`, for `time`, `sensed` (all of it) and `law` (parameters: the argument's default, or
-            those of `functools.partial`), and returns the command. With a memory it is annotated
+            as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
+            default, or those of `functools.partial`), and returns the command. With a memory it is annotated
             `-> tuple[Command, Memory]`, both NamedTuples, as `guide` of the engine. Or a `GainTable`, or a constant.
-        trigger: `Below` or `Above` for a quantity of the state, or a function of (state, p) annotated to return a
-            float, which is positive until the flight ends and whose zero is found, or a bool. Trials that meet it where
-            they start have the outcome "trigger met at the start" and count in no statistics.
-        end_time: s, at which flights end that no trigger has ended.
+        senses: `Senses`, errors of what laws are told, in every trial others, and new ones in every guidance period;
+            without them laws know the truth under the names that they are told. Results hold what laws knew with errors
+            as `nav_<name>`, and the truth under its own name. Noise and walks are those of the same set of quantities
+            with errors; constant errors stay when others are added.
+        truth: whether the law may ask for the `state` and the `vehicle` of its trial as they are (one with a memory for
+            `found`, the air, too); the result says so.
+        trigger: `Below` or `Above` for a quantity of the state, one that is sensed, such as the range or the drag, or
+            the time; or a function of state, p, time, found, sensed, vehicle (as it asks) annotated to return a float,
+            which is positive until the flight ends and whose zero is found, or a bool. Or a mapping from outcomes to
+            several of these, {"parachute": Below("velocity", 480.0), "far": Above("range_km", 700.0)}: statistics are
+            of the flights that end by the first one. All hold the truth. `Entry` and `Lander` end on the ground, too,
+            but for a function that returns a bool. Trials that meet a trigger where they start have the outcome
+            "trigger met at the start" and count in no statistics.
+        end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
         period: of the guidance, s. substeps: integration steps in it.
         history: seconds from one stored state to the next; by default ends alone are stored.
         trials: how many. seed: of all random numbers, a whole number from 0 to 2**63 - 1.
@@ -80,5 +107,5 @@ def fly(
             a number with which nothing can fly.
         TypeError: for a function that numba cannot compile.
     """
-    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed)
+    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
     return Flights.flown(campaign, trials, processes, progress, compiled)

@@ -1,6 +1,5 @@
 """Flights as they are declared, checked and bound, and the flying of any of their trials."""
 
-import inspect
 import pickle
 import sys
 import time
@@ -15,10 +14,12 @@ import numpy as np
 
 from marsedl.fly import laws
 from marsedl.fly.declared import is_number, require_numbers
+from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.vehicles import Model
+from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE = range(4)  # streams of random numbers
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
@@ -26,11 +27,11 @@ OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at 
 class Campaign:
     """What is flown. Arguments and errors are those of `fly`."""
 
-    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed):
+    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
         """Check all of it, and bind it to the model; nothing is compiled."""
         from marsedl.montecarlo.flights.binding import check_parameters
 
-        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed)
+        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
@@ -53,25 +54,62 @@ class Campaign:
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
-        self.law = laws.bind(law, model.flight, nominal, model.units)
-        self.trigger, end, self.end = laws.trigger_of(trigger, model.flight, nominal, model.units(nominal))
+        self.law = laws.bind(law, model.flight, nominal, model.units, truth)
+        self.truth = self._truth_told()
+        self.senses = self._bound(senses)
+        self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
             require_numbers(parts if isinstance(parts, tuple) else (), what)
             check_parameters(parts, what)
-        if end:
-            self.p = laws.extended(type(self.p))(*self.p, end)
+        if self.ends.data:
+            self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
+        if self.senses.kinds:
+            self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
         self.schedule(history)
         self.reached = self._reached()
-        means = (np.reshape(declared.means, (-1, 1)) for declared in (self.start, self.vehicle))
-        met = np.zeros(1, bool)
+        met = None
         with suppress(ArithmeticError, LookupError, ValueError):  # of numbers that no trial may have
-            met = self.met_at_the_start(*means)
+            met = self._met_by_the_mean_start()
         require(
-            not met.any(),
-            f"{self.end.removeprefix('ended: ')}: this trigger is met at the start; one that returns a number is "
-            f"positive until the flight ends, one that returns a bool False",
+            met is None,
+            f"{self.ends.names[met or 0].removeprefix('ended: ')}: this trigger is met at the start; one that returns "
+            f"a number is positive until the flight ends, one that returns a bool False",
         )
+
+    def _met_by_the_mean_start(self):
+        """The number of the end that is met where the mean flight starts, or None."""
+        from marsedl.montecarlo.flights.in_python import met_at
+
+        flight = self.flight()
+        if flight.functions["ended"] is None:
+            return None
+        state = self.model.flight.parts["state"](*self.start.means)
+        vehicle = self.vehicle_of((*self.vehicle.means, *[0.0] * len(self.senses.constants)))
+        return met_at(flight, self.p, self.law.parameters, state, vehicle, self.model.nodes)
+
+    def _bound(self, senses):
+        """Senses, checked, as a flight takes them."""
+        flight = self.model.flight
+        if senses is None:
+            return Bound((), None, (), ())
+        require(isinstance(senses, Senses), f"senses is {senses!r}; give Senses(altitude=Error(noise=20.0))")
+        require(
+            not flight.guides and "navigate" not in flight.classes,
+            "senses: the model has guidance or navigation of its own; disperse what these read",
+        )
+        told = laws.told_by(flight)._fields
+        return senses.bound(told, self.model.units(told), self.period)
+
+    def _truth_told(self):
+        """What the law is told of the truth, by name."""
+        return tuple(name for name in laws.TRUTH if len(self.law.kind) == 3 and name in self.law.kind[2])
+
+    def vehicle_of(self, numbers):
+        """The vehicle that functions of the model ask for: a NamedTuple of these rows, or nothing."""
+        kind = type(self.model.vehicle)
+        kind = laws.extended(kind, *self.senses.constants) if self.senses.constants else kind
+        return kind(*numbers) if len(numbers) else ()
 
     def __reduce__(self):
         """Pickle what was declared, which another process binds again, and the digest of all that it reaches."""
@@ -84,7 +122,7 @@ class Campaign:
 
     def flight(self):
         """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.trigger)
+        return laws.completed(self.model.flight, self.law.kind, self.ends.kind, self.senses.kinds)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -101,30 +139,16 @@ class Campaign:
         return schedule._replace(every=round(steps))
 
     def drawn(self, trials):
-        """Start and vehicle of these trials, (numbers, trials). Raises ValueError for numbers beyond their bounds."""
+        """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
+
+        Raises ValueError for numbers beyond their bounds.
+        """
         bounds = self.model.bounds
         start = self.start.sample(self.seed, START, trials, bounds)
-        return start, self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
-
-    def met_at_the_start(self, start, vehicle):
-        """Which trials meet the trigger where they start. Arguments: tables (numbers, trials)."""
-        from marsedl.montecarlo.flights.arithmetic import answer
-
-        flight, state = self.flight(), self.model.flight.parts["state"]
-        if (ended := flight.functions["ended"]) is None:
-            return np.zeros(start.shape[1], bool)
-        asked, finds_zero = inspect.signature(ended).parameters, flight.classes["ended"] is float
-
-        def met(start, vehicle):
-            vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
-            offered = {"state": state(*start), "vehicle": vehicle, "p": self.p}
-            value = answer(ended, [offered[name] for name in asked])
-            return value <= 0.0 if finds_zero else value
-
-        if self.trigger == "falls":  # a sum of the state's numbers, of arrays as well
-            return met(start, vehicle)
-        with np.errstate(all="ignore"):
-            return np.array([met(*numbers) for numbers in zip(start.T, vehicle.T, strict=True)], bool)
+        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        if self.senses.constants:
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+        return start, vehicle
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -137,11 +161,15 @@ class Campaign:
             "processes do not see what a script sets below `if __name__`: set that above, or give it as law=",
         )
         state, (start, vehicle) = self.model.flight.parts["state"], self.drawn(trials)
-        vehicle = type(self.model.vehicle)(*vehicle) if self.vehicle.names else ()
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
-        options = {"vehicle": vehicle, "law": self.law.parameters, "nodes": self.model.nodes, "seed": self.seed}
-        options |= {"first_trial": trials[0], "streams": (NOISE, AIR)}
+        options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
+        options |= {
+            "seed": self.seed,
+            "first_trial": trials[0],
+            "streams": (NOISE, AIR),
+            "navigation_stream": NAVIGATION,
+        }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
         return self.flight().fly(*arguments, **options)
@@ -191,16 +219,20 @@ class Campaign:
             if periods.size:
                 said_of(compiled[periods[0]], periods[0])
 
-    def outcomes(self, flown, trials):
-        """Outcome of every one of these trials, by name."""
+    def outcomes(self, flown):
+        """Outcome of every trial that was flown, by name."""
         finite = np.isfinite(flown.final_state).all(axis=0)
-        ended = flown.length < len(flown.history) if "ended" in self.flight().classes else True
-        outcome = np.broadcast_to(np.where(ended, self.end, OUT_OF_TIME), finite.shape).astype(object)
+        unended = OUT_OF_TIME if self.ends.aims else "completed"
+        outcome = np.array([*self.ends.names, AT_ONCE, unended], object)[flown.ended]  # -2 and -1 count from the end
         for name, failed in self.failures(flown.final_state).items():
             outcome[failed] = name
-        outcome[self.met_at_the_start(*self.drawn(trials))] = AT_ONCE
+        outcome[flown.ended == MET_AT_THE_START] = AT_ONCE
         outcome[~finite] = NOT_FINITE
         return outcome.astype(str)
+
+    def counts(self, outcome):
+        """Which of these outcomes count in statistics: the first end; of flights that aim at none any end."""
+        return np.isin(outcome, self.ends.names[:1] if self.ends.aims else [*self.ends.names, "completed"])
 
     def failures(self, numbers):
         """Which flights of these final numbers failed in a way that the model names, by its name."""
@@ -214,7 +246,7 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
         flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
-        return flown.final_state, self.outcomes(flown, trials), history
+        return flown.final_state, self.outcomes(flown), history
 
     def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""

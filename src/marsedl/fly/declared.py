@@ -13,7 +13,18 @@ from marsedl.models.correlations import correlations
 from marsedl.models.density_table import physical_table, read_density_table
 from marsedl.words import remedy, require
 
-__all__ = ["MARS", "Exponential", "Markov", "MultivariateNormal", "Normal", "Planet", "Table", "Uniform"]
+__all__ = [
+    "MARS",
+    "Above",
+    "Below",
+    "Exponential",
+    "Markov",
+    "MultivariateNormal",
+    "Normal",
+    "Planet",
+    "Table",
+    "Uniform",
+]
 
 SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
 
@@ -242,6 +253,23 @@ def declare(given, units, defaults, what, bounds) -> Declared:
             name in means, f"{what} {name!r} is missing; it needs {', '.join(n for n in names if n not in defaults)}"
         )
     return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint))
+
+
+# ---- triggers --------------------------------------------------------------------------------------------------------
+
+
+class Below(NamedTuple):
+    """Trigger: ends a flight where a quantity falls to a value: of its state, what is sensed of it, or the time."""
+
+    quantity: str
+    value: float
+
+
+class Above(NamedTuple):
+    """Trigger: ends a flight where a quantity rises to a value: of its state, what is sensed of it, or the time."""
+
+    quantity: str
+    value: float
 
 
 # ---- planet and air --------------------------------------------------------------------------------------------------

@@ -62,7 +62,7 @@ def _expression(text, value_of):
 
 
 class OneFlight(NamedTuple):
-    """One trial alone: a data frame of what is stored at every step, its final numbers, its outcome, what it drew."""
+    """One trial alone: what is stored at every step and the end, its final numbers, its outcome, what it drew."""
 
     trial: int
     history: Any
@@ -75,8 +75,8 @@ class OneFlight(NamedTuple):
 class Flights:
     """Trials 0 to n - 1 of a campaign: `final` holds the numbers at the end of every flight by name.
 
-    These are the true state, and what laws are told besides; where `sense` has told laws another number under the name
-    of a state, that one is `sensed_<name>`.
+    These are the true state, and what is sensed besides; where `sense` has another number under the name of a state,
+    that one is `sensed_<name>`. What laws knew with errors, in the last guidance period, is `nav_<name>`.
     """
 
     campaign: Campaign
@@ -113,7 +113,14 @@ class Flights:
 
     def __repr__(self):
         """How many, and how they ended."""
-        return f"Flights({self.trials:,}: {', '.join(f'{count:,} {name}' for name, count in self.outcomes().items())})"
+        ended = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items())
+        truth = f"; the law is told the truth: {', '.join(self.truth)}" if self.truth else ""
+        return f"Flights({self.trials:,}: {ended}{truth})"
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """What the law is told of the truth of its trial by leave (`truth=True`), such as its vehicle."""
+        return self.campaign.truth
 
     @property
     def trials(self) -> int:
@@ -205,9 +212,9 @@ class Flights:
             return self.derived[name][0], name
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
-        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("sensed_")
+        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
         if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, as laws are told"
+            return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
         base = name.removeprefix("start_")
         if name not in known and base in known:
             return known[base][0], f"{known[base][1]}, at the start"
@@ -215,9 +222,10 @@ class Flights:
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""
-        end, outcomes = self.campaign.end, self.outcomes()
-        others = ", ".join(f"{count:,} {name}" for name, count in outcomes.items() if name != end)
-        return self.outcome == end, f"{others} of {self.trials:,} flights left out" if others else ""
+        counted = self.campaign.counts(self.outcome)
+        lost = {*self.outcome[~counted]}
+        others = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items() if name in lost)
+        return counted, f"{others} of {self.trials:,} flights left out" if others else ""
 
     def percentiles(self, names, levels=(1, 50, 99), confidence=0.95):
         """Percentiles of final numbers over all flights that ended, with distribution-free confidence intervals.
@@ -460,8 +468,11 @@ class Flights:
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
-        outcome = str(campaign.outcomes(flown, range(trial, trial + 1))[0])
-        return OneFlight(trial, history, final, outcome, {name: float(one[trial]) for name, one in self.drawn.items()})
+        if "end_time" in final:  # of an end within a step; the command is held
+            held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
+            history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
+        drawn = {name: float(one[trial]) for name, one in self.drawn.items()}
+        return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
 
     def to_pandas(self):
         """Data frame of what every flight drew, its numbers and its outcome, in SI units but for derived ones."""
@@ -492,4 +503,5 @@ class Flights:
             coordinates["time"] = ("time", times, {"units": "s", "long_name": "time"})
             for row, name in enumerate(self.campaign.flight().parts["stored"]._fields):
                 variables[f"{name}_history"] = described(("time", "trial"), self.histories[:, row], name)
-        return xarray.Dataset(variables, coordinates, {"seed": self.campaign.seed})
+        attributes = {"seed": self.campaign.seed, "truth_told_to_the_law": ", ".join(self.truth)}
+        return xarray.Dataset(variables, coordinates, attributes)

@@ -3,6 +3,7 @@
 import inspect
 import warnings
 from collections import namedtuple
+from collections.abc import Mapping
 from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
@@ -10,26 +11,13 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from marsedl.fly.declared import SUFFIXES, is_number, resolve
+from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, resolve
+from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
 from marsedl.words import described, remedy, require
 
-__all__ = ["Above", "Below", "GainTable"]
-
-
-class Below(NamedTuple):
-    """Trigger: ends a flight where a quantity of its state falls to a value."""
-
-    quantity: str
-    value: float
-
-
-class Above(NamedTuple):
-    """Trigger: ends a flight where a quantity of its state rises to a value."""
-
-    quantity: str
-    value: float
+__all__ = ["GainTable"]
 
 
 class GainTable:
@@ -120,6 +108,11 @@ class GainTable:
         return tuple(columns)
 
 
+TRUTH = ("state", "vehicle", "found")  # of a trial, which laws may ask for by leave
+NAMES_OF_TOLD = ("sensed", "nav")  # by which a law asks for all that it is told
+_TELLS = {"navigate": "nav", "sense": "sensed", "rates": "state"}
+
+
 class Bound(NamedTuple):
     """A law ready for a flight: what its functions are made from, hashable, and its parameters."""
 
@@ -134,13 +127,14 @@ class Gains(NamedTuple):
     values: np.ndarray  # (columns, nodes)
 
 
-def bind(law, flight, nominal, units) -> Bound:
+def bind(law, flight, nominal, units, truth=False) -> Bound:
     """Make of a law what a flight needs.
 
     Args:
         law: None; a number or a tuple of numbers, the constant command; a `GainTable`; a function; a
             `functools.partial` of one with its argument `law`; or the parameters of the flight's own guidance.
         flight: `Flight` that it shall steer. nominal: start by name. units: function from names to units by name.
+        truth: whether a law may ask for the trial's true state and vehicle.
 
     Raises:
         ValueError: for a law that is none of these, asks for what it is not told, or returns no command.
@@ -189,19 +183,25 @@ def bind(law, flight, nominal, units) -> Bound:
     )
     kinds = get_args(hints(function).get("return"))
     remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
-    offered = ("time", "law", "vehicle", "sensed", *told._fields)
+    for name in asked:
+        require(
+            truth or name not in TRUTH,
+            f"{described(function)} asks for {name!r}, the truth of its trial, which no guidance knows: ask for what "
+            f"it is told, {', '.join(told._fields)}, or give fly truth=True, and the result says so",
+        )
+    offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
     for name in () if remembers else asked:
         require(name != "memory", f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`")
         require(
             name in offered,
             f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}",
         )
-    for read in [read[1] for read in chains(function.__code__, LOCAL) if read[0] == "sensed" and read[1:]]:
+    for of, read in [read[:2] for read in chains(function.__code__, LOCAL) if read[0] in NAMES_OF_TOLD and read[1:]]:
         require(
             hasattr(told, read),
-            f"{described(function)} asks for sensed.{read}, of which it is not told; {remedy(read, told._fields)}",
+            f"{described(function)} asks for {of}.{read}, of which it is not told; {remedy(read, told._fields)}",
         )
-    return Bound(("guide", function) if remembers else ("simple", function, tuple(asked)), parameters)
+    return Bound(("guide" if remembers else "simple", function, tuple(asked)), parameters)
 
 
 def check_angles(said, names, numbers, units):
@@ -214,8 +214,8 @@ def check_angles(said, names, numbers, units):
 
 
 def told_by(flight):
-    """NamedTuple of what laws are told: what `sense` returns, else the state."""
-    return flight.parts["sensed" if "sense" in flight.classes else "state"]
+    """NamedTuple of what laws are told: what `navigate` returns, else what `sense` does, else the state."""
+    return flight.parts[next(part for role, part in _TELLS.items() if role in flight.classes)]
 
 
 def _command_of(flight):
@@ -243,102 +243,197 @@ def _made(text, returns, like=None, **names):
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: the sum of weights x state falls to a value; one kernel serves all."""
+    """Where a trigger ends a flight: a sum of weights x quantities falls to a value; one kernel serves all of them."""
 
     weights: tuple[float, ...]
     value: float
 
 
-def trigger_of(trigger, flight, nominal, units):
-    """Function `ended` of a trigger ("falls" for one that is data), its `End` or None, and what an end is called.
+class Ends(NamedTuple):
+    """What ends the flights of a campaign."""
+
+    kind: tuple  # what `ended` is made from: of each end a function, or the names that its weights are of
+    data: tuple[End, ...]  # of the ends that are data, in their order
+    names: tuple[str, ...]  # outcomes, in their order
+    aims: bool  # whether flights that do not reach the first end count in no statistics
+
+
+def ends_of(trigger, model, nominal) -> Ends:
+    """Ends of a flight: the trigger, or several by name, and those that its model has.
 
     Args:
-        trigger: None, a function, `Below` or `Above`. flight: `Flight`. nominal: start by name. units: of the state.
+        trigger: None, a function, `Below` or `Above`, or a mapping from outcomes to these. model: `Model`. nominal:
+            start by name.
 
     Raises:
-        ValueError: for a quantity that is not of the state, or is beyond the trigger at the start.
+        ValueError: for a quantity that is not known of a flight, or is beyond the trigger at the start.
     """
-    if trigger is None or callable(trigger):
-        require(
-            trigger is None or "ended" not in flight.classes,
-            "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
-        )
-        named = trigger or flight.functions["ended"]
-        return trigger, None, f"ended: {named.__name__}" if named else "completed"
+    from marsedl.montecarlo.flights.binding import hints
+
+    flight, sensed = model.flight, model.flight.parts["sensed"]._fields
+    own, state = flight.functions["ended"], flight.parts["state"]._fields
     require(
-        isinstance(trigger, Below | Above),
-        f"trigger {trigger!r} is none: give Below(name, value), Above(name, value) or a function",
+        trigger is None or own is None,
+        "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
     )
+    if own is not None:
+        several = getattr(flight.classes["ended"], "_fields", None)
+        return Ends(("own",), (), several or (f"ended: {own.__name__}",), aims=True)
+    given = trigger if isinstance(trigger, Mapping) else {} if trigger is None else {None: trigger}
+    whole, kinds, data, names = {**model.ends, **given}, [], [], []
+    whole = {**given, **whole}  # the given ones first
+    single = [one for one in whole.values() if callable(one) and hints(one).get("return") is bool]
+    if single:  # it ends flights after a step, alone
+        require(
+            not isinstance(trigger, Mapping), f"{described(single[0])} returns a bool; let named triggers be floats"
+        )
+        whole = {None: single[0]}
+    units = model.units([*state, *(name for name in sensed if name not in state), "time"]) | {"time": "s"}
+    for outcome, one in whole.items():
+        require(
+            isinstance(one, Below | Above) or callable(one),
+            f"trigger {one!r} is none: give Below(name, value), Above(name, value) or a function",
+        )
+        if callable(one):
+            kinds.append(one)
+            names.append(outcome or f"ended: {one.__name__}")
+        else:
+            advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
+            kind, end, text = _crossing(one, state, units, nominal, advice)
+            kinds.append(kind)
+            data.append(end)
+            names.append(outcome or f"ended: {text}")
+    return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
+
+
+def _crossing(trigger, state, units, nominal, advice):
+    """Of `Below` or `Above`: the names that its weights are of, its `End`, and what it says. Checked; see `ends_of`.
+
+    state: names of the state. units: of all that is known. advice: what else a user may do if it is met at the start.
+    """
     name, factor = resolve(trigger.quantity, units, "trigger")
     sign, word = (1.0, "below") if isinstance(trigger, Below) else (-1.0, "above")
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
-    end = End(tuple(sign if other == name else 0.0 for other in units), sign * factor * float(trigger.value))
     text = f"{trigger.quantity} {word} {trigger.value:g}"
-    require(sign * nominal[name] > end.value, f"trigger {text} is met at the start, where {name} is {nominal[name]:g}")
-    return "falls", end, f"ended: {text}"
+    value = sign * factor * float(trigger.value)
+    if name not in state:  # whether it is met at the start, a flight's functions say
+        return ("time" if name == "time" else f"sensed.{name}",), End((sign,), value), text
+    require(
+        sign * nominal[name] > value,
+        f"trigger {text} is met at the start, where {name} is {nominal[name]:g}{advice}",
+    )
+    weights = tuple(sign if other == name else 0.0 for other in state)
+    return tuple(f"state.{other}" for other in state), End(weights, value), text
+
+
+def _ended_by(kind):
+    """Function `ended` of these ends; one that is data reads its number from `p.ends`."""
+    if len(kind) == 1 and callable(kind[0]):
+        return kind[0]
+    asked, terms, functions = {}, [], {}
+    for one in kind:
+        if callable(one):
+            arguments = inspect.signature(one).parameters
+            functions[f"end_{len(functions)}"] = one
+            terms.append(f"end_{len(functions) - 1}({', '.join(arguments)})")
+            asked |= dict.fromkeys(arguments)
+        else:
+            place = len(terms) - len(functions)
+            weighted = (f"p.ends[{place}].weights[{row}] * {name}" for row, name in enumerate(one))
+            terms.append(f"{' + '.join(weighted)} - p.ends[{place}].value")
+            asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
+    text = f"({', '.join(asked)}):\n    return "
+    if len(terms) == 1:
+        return _made(text + terms[0], float)
+    returns = namedtuple("Reached", [f"end_{row}" for row in range(len(terms))])
+    return _made(f"{text}Reached({', '.join(terms)})", returns, Reached=returns, **functions)
 
 
 @lru_cache(64)
-def extended(kind):
-    """A NamedTuple class with the fields of another one, and the `End` of a trigger."""
-    made = namedtuple(kind.__name__, (*getattr(kind, "_fields", ()), "end"))
+def extended(kind, *names):
+    """A NamedTuple class with the fields of another one, and further ones."""
+    made = namedtuple(kind.__name__, (*getattr(kind, "_fields", ()), *names))
     made.__annotations__ = getattr(kind, "__annotations__", {})
     return made
 
 
 @lru_cache(64)
-def completed(flight, law, trigger):
+def completed(flight, law, ends, senses=()):
     """The flight with its law and trigger, which stores what laws are told and command, and the time of its end.
 
     Args:
-        flight: `Flight`. law: `Bound.kind`. trigger: function, "falls" or None.
+        flight: `Flight`. law: `Bound.kind`. ends: `Ends.kind`. senses: `senses.Bound.kinds`.
     """
     from marsedl.montecarlo.flights import Flight, Nothing
     from marsedl.montecarlo.flights.binding import hints
 
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
-    parts.setdefault("sense", _made("(state):\n    return state", told))
+    parts.setdefault("sense", _made("(state):\n    return state", flight.parts["state"]))
+    parts |= navigation(told, senses) if senses else {}
+    tells = "nav" if "navigate" in parts else "sensed"
     if kind == "guide":
-        parts["guide"] = details[0]
+        function, asked = details
+        asks = [tells if name in NAMES_OF_TOLD else name for name in asked]
+        text = f"({', '.join(dict.fromkeys(asks))}):\n    return law_of_user({', '.join(asks)})"
+        as_it_is = asks == [*asked]  # and no other function stands between it and the flight
+        parts["guide"] = (
+            function if as_it_is else _made(text, hints(function)["return"], function, law_of_user=function)
+        )
     elif kind not in ("own", "none"):
         command = _command_of(flight)
         returns = tuple[command, Nothing]
         if kind == "constant":
             parts["guide"] = _made("(law):\n    return law, ()", returns)
         elif kind == "table":
-            parts |= _of_table(*details, told, command, returns)
+            parts |= _of_table(*details, tells, told, command, returns)
         else:
             function, asked = details
-            arguments = ", ".join(f"sensed.{name}" if name in told._fields else name for name in asked)
-            needed = ", ".join(dict.fromkeys("sensed" if name in told._fields else name for name in asked))
+            own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
+            arguments = ", ".join(own.get(name, name) for name in asked)
+            needed = ", ".join(dict.fromkeys(own.get(name, name).partition(".")[0] for name in asked))
             text = f"({needed}):\n    return law_of_user({arguments}), ()"
             parts["guide"] = _made(text, returns, function, law_of_user=function)
-    if trigger is not None:
-        terms = (f"p.end.weights[{row}] * state.{name}" for row, name in enumerate(flight.parts["state"]._fields))
-        falls = f"(state, p):\n    return {' + '.join(terms)} - p.end.value"
-        parts["ended"] = trigger if callable(trigger) else _made(falls, float)
+    if ends and ends != ("own",):
+        parts["ended"] = _ended_by(ends)
     guide = parts["guide"]
     guide = guide[0] if isinstance(guide, tuple) else guide
     commands = get_args(hints(guide)["return"])[0]._fields if guide else ()
     state = flight.parts["state"]._fields
     held = {name: f"state.{name}" for name in state}  # the truth; what is told of it has names of its own
     if "sense" in flight.classes:
-        held |= {f"sensed_{name}" if name in state else name: f"sensed.{name}" for name in told._fields}
+        sensed = flight.parts["sensed"]._fields
+        held |= {f"sensed_{name}" if name in state else name: f"sensed.{name}" for name in sensed}
     parts.setdefault("store", _gathered(held | {name: f"command.{name}" for name in commands if name not in held}))
     watched = {name: f"watched.{name}" for name in flight.parts["watched"]._fields}
     parts.setdefault("finish", _gathered(held | watched, "time"))
+    if tells == "nav":
+        known = [name for name, _ in senses] or told._fields
+        parts |= {role: _with_navigation(parts[role], known) for role in ("store", "finish")}
     return Flight(**parts)
 
 
-def _of_table(against, columns, commanded, told, command, returns):
+def _with_navigation(function, known):
+    """The function with what it returns, and what navigation knows of these quantities as `nav_<name>`."""
+    from marsedl.montecarlo.flights.binding import hints
+
+    fields = hints(function)["return"]._fields
+    kind = namedtuple("WithNavigation", (*fields, *(f"nav_{name}" for name in known)))
+    arguments = ", ".join(inspect.signature(function).parameters)
+    needed = ", ".join(dict.fromkeys((*inspect.signature(function).parameters, "nav")))
+    values = ", ".join([*(f"whole.{name}" for name in fields), *(f"nav.{name}" for name in known)])
+    text = f"({needed}):\n    whole = function({arguments})\n    return Kind({values})"
+    return _made(text, kind, function, function=function, Kind=kind)
+
+
+def _of_table(against, columns, commanded, tells, told, command, returns):
     """Functions of a gain table: `consult`, which reads it, and `guide`."""
     from marsedl.elementary import arc_cosine
 
     advice = namedtuple("Advice", columns)
     rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
     consult = (
-        f"(time, sensed, law):\n"
-        f"    place = {'time' if against == 'time' else f'sensed.{against}'}\n"
+        f"(time, {tells}, law):\n"
+        f"    place = {'time' if against == 'time' else f'{tells}.{against}'}\n"
         f"    node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)\n"
         f"    part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])\n"
         f"    part = min(max(part, 0.0), 1.0)\n"
@@ -348,10 +443,10 @@ def _of_table(against, columns, commanded, told, command, returns):
     terms = []
     for column in commanded:
         fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
-        gains = (f"advice.{column}_per_{name} * (sensed.{name} - advice.{name})" for name in fed_back)
+        gains = (f"advice.{column}_per_{name} * ({tells}.{name} - advice.{name})" for name in fed_back)
         term = " + ".join([f"advice.{column}", *gains])
         terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
-    guide = f"(sensed, advice):\n    return Command({', '.join(terms)}), ()"
+    guide = f"({tells}, advice):\n    return Command({', '.join(terms)}), ()"
     return {
         "consult": _made(consult, advice, np=np, Advice=advice),
         "guide": _made(guide, returns, Command=command, arc_cosine=arc_cosine),

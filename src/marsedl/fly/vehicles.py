@@ -12,6 +12,7 @@ from marsedl.fly.declared import (
     NOT_NEGATIVE,
     POSITIVE,
     QUARTER_TURN,
+    Below,
     Declared,
     Exponential,
     Markov,
@@ -95,9 +96,11 @@ class Model:
         bounds: lowest and highest value of numbers of the start and the vehicle; a flight that draws others is refused.
         failed: function (p, final values by name) -> mapping from outcomes to the flights that have them, (trials,);
             these do not count in statistics.
+        ends: mapping from outcomes to triggers, which end flights beside the trigger of `fly`.
 
-    `final` and histories hold the state, which is the truth, under its names. What `sense` returns is what laws are
-    told; where it has the name of a state, results hold it as `sensed_<name>`.
+    `final` and histories hold the state, which is the truth, under its names. What `navigate` returns, or without it
+    `sense`, is what laws are told; results hold `nav_<name>`, and what is sensed under the name of a state as
+    `sensed_<name>`.
     """
 
     flight: Any
@@ -109,6 +112,7 @@ class Model:
     warn: Callable = None
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failed: Callable = None
+    ends: Mapping[str, Any] = field(default_factory=dict)
 
     def model(self) -> "Model":
         """The model itself."""
@@ -162,7 +166,7 @@ class Entry:
         variation: of the density, `Markov`, or None.
         nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, cubics of its logarithm
             between them; by default they hold all rows of a table and the start. Flights beyond them are told.
-        ground: altitude, m; flights that get below it are told. None: there is no ground.
+        ground: altitude, m, at which flights end that reach it. None: there is no ground.
     """
 
     ballistic_coefficient: Number
@@ -192,6 +196,7 @@ class Entry:
             complete=self._completed,
             warn=self._told,
             bounds=ENTRY_BOUNDS,
+            ends=_on_the_ground(self.ground),
         )
 
     def _mean_air(self, start=0.0):
@@ -256,7 +261,7 @@ class Lander:
             dispersed.
         thrust_noise: white noise of both components of the force, N s^(1/2).
         gravity: m/s^2. dry_mass: that of the vehicle without propellant, kg.
-        ground: altitude, m; flights that end below it are told. None: there is no ground.
+        ground: altitude, m, at which flights end that reach it. None: there is no ground.
     """
 
     largest_thrust: Number
@@ -282,6 +287,7 @@ class Lander:
             quantities=LANDER_QUANTITIES,
             warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
+            ends=_on_the_ground(self.ground),
             failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
         )
 
@@ -289,6 +295,11 @@ class Lander:
 def _vacuum(altitude):
     """The profile of no air."""
     return np.full(np.shape(altitude), -2000.0), 0.0, 0.0
+
+
+def _on_the_ground(ground):
+    """The end of a vehicle's flights at an altitude, if there is ground."""
+    return {} if ground is None else {"on the ground": Below("altitude", float(ground))}
 
 
 def _under_the_ground(altitude, ground):

@@ -32,7 +32,8 @@ class Trajectories:
     largest value over all steps. final_state: (n_final, trials), the state at the trial's own end, with or without the
     components of the history and others such as the time. outcome: (trials,), int8, see the codes of this module.
     length: (trials,), int64, number of outputs up to the trial's end, 1 to times: what history and observed hold
-    beyond is ignored.
+    beyond is ignored. ended: (trials,), int8, of flights of the engine: the number of the end that was reached,
+    NOTHING, or MET_AT_THE_START for a trial that began behind one.
     """
 
     history: np.ndarray
@@ -41,6 +42,7 @@ class Trajectories:
     final_state: np.ndarray
     outcome: np.ndarray
     length: np.ndarray
+    ended: np.ndarray | None = None
 
     __repr__ = summary
 
@@ -62,7 +64,8 @@ class Trajectories:
 
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
-        return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
+        given = (field.name for field in fields(self) if getattr(self, field.name) is not None)
+        return Trajectories(**{name: getattr(self, name)[..., :trials] for name in given})
 
 
 def pad_to_groups(array):

@@ -14,7 +14,7 @@ from marsedl.montecarlo.flights.binding import Nothing, asked, compiled
 from marsedl.montecarlo.flights.columns import borrowed, dresser, reader, types_of
 from marsedl.montecarlo.lanes import LANES, inline_called_njit, lane_array
 
-PARTS_TOLD = ("state", "found", "sensed", "memory", "vehicle")
+PARTS_TOLD = ("state", "found", "sensed", "nav", "memory", "vehicle")
 _LANES, _WORDS = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C")
 SIGNATURE = types.Tuple(
     # half_index, cycle, time, share; PARTS_TOLD, past, command, chosen; law, p
@@ -89,26 +89,28 @@ def law_of_lanes(flight, kinds, shapes, leaves):
     consult = compiled(consult, "consult", kinds) if consult else absent
     read_law, dress_law = reader(leaves["law"]), dresser(shapes["law"])
     read_p, dress_p = reader(leaves["p"]), dresser(shapes["p"])
-    STATES, FOUND, SENSED, MEMORY, VEHICLE, ADVICE, COMMANDS = (
+    STATES, FOUND, SENSED, NAV, MEMORY, VEHICLE, ADVICE, COMMANDS = (
         len(kinds[name]._fields) for name in (*PARTS_TOLD, "advice", "command")
     )
 
     @inline_called_njit
     def guide_lanes(told):
         half_index, cycle, time, share = told[:4]
-        states, founds, senses, memories, vehicles, pasts, commands, choices, law_words, p_words = told[4:]
+        states, founds, senses, navs, memories, vehicles, pasts, commands, choices, law_words, p_words = told[4:]
         law, p, past = dress_law(read_law(law_words)), dress_p(read_p(p_words)), borrowed(pasts)
-        state, found, sensed, memory = lane_array(STATES), lane_array(FOUND), lane_array(SENSED), lane_array(MEMORY)
-        vehicle, advice, command, chosen = lane_array(VEHICLE), lane_array(ADVICE), lane_array(COMMANDS), lane_array(1)
+        state, found, sensed, nav = lane_array(STATES), lane_array(FOUND), lane_array(SENSED), lane_array(NAV)
+        memory, vehicle, advice = lane_array(MEMORY), lane_array(VEHICLE), lane_array(ADVICE)
+        command, chosen = lane_array(COMMANDS), lane_array(1)
         copy(states, state)
         copy(founds, found)
         copy(senses, sensed)
+        copy(navs, nav)
         copy(memories, memory)
         copy(vehicles, vehicle)
         copy(commands, command)
         copy(choices, chosen)
-        consult(cycle, time, sensed, memory, vehicle, law, p, advice)
-        scene = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
+        consult(cycle, time, sensed, nav, memory, vehicle, law, p, advice)
+        scene = (half_index, time, cycle, state, found, share, sensed, nav, advice, memory, past, vehicle, law, p)
         guide(*scene, command, chosen)
         copy(command, commands)
         copy(memory, memories)

@@ -15,21 +15,22 @@ from marsedl.compiling import renew
 from marsedl.words import described, remedy, require
 
 _PLACE = ("half_index", "time", "cycle", "state", "found")
-_SCENE = (*_PLACE, "guided", "sensed", "command", "memory", "vehicle", "p")
+_SCENE = (*_PLACE, "guided", "sensed", "nav", "command", "memory", "vehicle", "p")
 OFFERED = {
     "rates": ("half_index", "time", "state", "found", "command", "vehicle", "noise", "p"),
     "look_up": ("half_index", "time", "state", "air", "p"),
     "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
     "interrupts": ("time", "state", "memory", "vehicle", "law", "p"),
-    "consult": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
-    "phase": ("cycle", "time", "sensed", "memory", "vehicle", "law", "p"),
-    "guide": (*_PLACE, "share", "sensed", "advice", "memory", "past", "vehicle", "law", "p"),
-    "ended": ("state", "vehicle", "p"),
+    "navigate": ("cycle", "time", "sensed", "nav", "draws", "vehicle", "p"),
+    "consult": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
+    "phase": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
+    "guide": (*_PLACE, "share", "sensed", "nav", "advice", "memory", "past", "vehicle", "law", "p"),
+    "ended": ("time", "state", "found", "sensed", "vehicle", "p"),
     "vary": ("node", "normal", "drawn", "p"),
     "store": _SCENE,
     "observe": _SCENE,
     "watch": ("watched", "ending", *_SCENE),
-    "finish": ("time", "state", "found", "sensed", "command", "memory", "vehicle", "drawn", "watched", "p"),
+    "finish": ("time", "state", "found", "sensed", "nav", "command", "memory", "vehicle", "drawn", "watched", "p"),
 }
 """Names that a function of each role may ask for; `flights` says what they are."""
 
@@ -38,6 +39,7 @@ PARTS = {
     "rates": ("state",),
     "look_up": ("found",),
     "sense": ("sensed",),
+    "navigate": ("nav",),
     "consult": ("advice",),
     "guide": ("command", "memory"),
     "store": ("stored",),
@@ -111,6 +113,8 @@ def returned(function, role):
     Raises ValueError without such an annotation.
     """
     kind = hints(function).get("return")
+    if role == "ended" and hasattr(kind, "_fields"):
+        return (kind,)
     kinds = get_args(kind) or (kind,)
     wanted = {"guide": 2, "vary": 2}.get(role, 1)
     numbers = {"ended": 1, "vary": 1, "interrupts": 1, "phase": 1}.get(role, 0)
@@ -119,7 +123,7 @@ def returned(function, role):
         example = {
             "guide": "tuple[Command, Memory]",
             "vary": "tuple[float, Drawn]",
-            "ended": "float (its zero is found) or bool",
+            "ended": "float (its zero is found), a named tuple of them, or bool",
             "interrupts": "bool",
             "phase": "int",
         }.get(role, "a named tuple of numbers")
@@ -165,7 +169,13 @@ def compiled(function, role, kinds, *, masked=False, single=False):
         exec(f"def call({', '.join(OFFERED[role])}):\n    return {call}", space)
         return inline_called_njit(space["call"])
     written = WRITTEN[role]
-    if role in NUMBERS:
+    if role == "ended" and hasattr(ends := returned(function, role)[0], "_fields"):
+        body = [f"ends = {call}", "least, which = ends[0], 0.0"]
+        for row in range(1, len(ends._fields)):
+            body.append(f"which = {row}.0 if ends[{row}] < least else which")
+            body.append(f"least = ends[{row}] if ends[{row}] < least else least")
+        body.append("excess[0, lane], excess[1, lane] = least, which")
+    elif role in NUMBERS:
         body = [f"{written[0]}[0, lane] = {call}"]
     else:
         where = "chosen[0, lane] > 0.0" if masked else "None"

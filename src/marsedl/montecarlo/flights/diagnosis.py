@@ -80,12 +80,12 @@ def warn_of_scalar_loops(flight, roles, p, law, vehicle_class):
 
 
 def scalar_loops(flight, roles, p, law, vehicle_class):
-    """Functions of these roles, rates, sense or guide, whose compiled loop over lanes is not vector code.
+    """Functions of these roles, rates, sense, navigate or guide, whose compiled loop over lanes is not vector code.
 
     A loop that is has scalar arithmetic, too, for arrays that overlap, but not more than packed arithmetic.
     """
-    kinds = {**flight.parts, "vehicle": vehicle_class, "noise": flight.options["noise"]}
-    functions = [(role, flight.functions[role]) for role in ("rates", "sense")]
+    kinds = {**flight.parts, "vehicle": vehicle_class, **{name: flight.options[name] for name in ("noise", "draws")}}
+    functions = [(role, flight.functions[role]) for role in ("rates", "sense", "navigate")]
     functions += [("guide", function) for function in flight.guides]
     found = []
     for role, function in functions:

@@ -7,7 +7,7 @@ from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights.arithmetic import answer, numpy_numbers, warn
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
-from marsedl.montecarlo.outcomes import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED, MET_AT_THE_START, NOTHING
 from marsedl.montecarlo.streams import normals
 from marsedl.stepping import runge_kutta_4
 from marsedl.words import described, require
@@ -35,6 +35,7 @@ def fly(flight, trial, given):
         now["vehicle"] = type(vehicle)(*table_of(vehicle, width)[:, own])
     now["memory"] = parts["memory"](*map(np.float64, parts["memory"]() if memory is None else memory))
     now["command"] = parts["command"](*[np.float64(0.0)] * len(parts["command"]._fields))
+    now["nav"] = parts["nav"](*[np.float64(0.0)] * len(parts["nav"]._fields))
     now["past"] = np.empty(given.past)
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
@@ -48,13 +49,19 @@ def fly(flight, trial, given):
     draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
     draws = draws[given.first_increment * size :].reshape(total, increments, size)
 
-    ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is float
+    draws_class, periods = flight.options["draws"], len(schedule.steps)
+    of_navigation = normals(given.seed, given.navigation_stream, [trial], periods * len(draws_class._fields))
+    of_navigation = of_navigation.reshape(periods, -1)
+
+    ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is not bool
     watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))
     times = len(schedule.times)
     history = np.full((times, len(parts["stored"]._fields) if given.stored is None else given.stored, 1), np.nan)
     observed = np.full((times, len(parts["observed"]._fields), 1), np.nan)
     bounds, flown, end_time, length = np.append(0, np.cumsum(schedule.steps)), 0, None, times
     now["guided"] = np.float64(0.0)
+    met = _met_by(_excess(model, now["state"], schedule.start[0], 0)) if ends else None
+    ended_by = NOTHING if met is None else MET_AT_THE_START
     while True:
         over = end_time is not None or flown == total
         cycle = int(np.searchsorted(bounds, flown, side="right")) - 1
@@ -68,6 +75,8 @@ def fly(flight, trial, given):
         if stores or guides or over or watch_steps:
             now["found"] = model("look_up")
             now["sensed"] = model("sense")
+        if guides and substep == 0:
+            now["nav"] = model("navigate", draws=draws_class(*of_navigation[cycle]))
         if guides:
             now["advice"] = model("consult")
             now["share"] = substep / schedule.steps[cycle]
@@ -88,11 +97,14 @@ def fly(flight, trial, given):
             white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
         now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
         before, now["state"] = now["state"], _advanced(model, flight.options["integrator"], step)
-        if ends and finds_root and model("ended") <= 0.0:
-            part, now["state"] = _to_end(model, before, now["state"], step, flight.options["end_tolerance"])
+        met = _met_by(_excess(model, now["state"], time + step, 2 * flown + 2)) if ends else None
+        if met is not None:
+            part = step
+            if finds_root:
+                tolerance = flight.options["end_tolerance"]
+                part, now["state"], met = _to_end(model, before, now["state"], step, tolerance)
             end_time, length = time + part, flown // schedule.every + 1
-        elif ends and not finds_root and model("ended"):
-            end_time, length = time + step, flown // schedule.every + 1
+            ended_by = met if ended_by == NOTHING else ended_by
         flown += 1
     return Trajectories(
         history=history,
@@ -101,6 +113,7 @@ def fly(flight, trial, given):
         final_state=np.reshape(np.array(model("finish", watched=watched), float), (-1, 1)),
         outcome=np.full(1, COMPLETED, np.int8),
         length=np.full(1, length, np.int64),
+        ended=np.full(1, ended_by, np.int8),
     )
 
 
@@ -194,18 +207,57 @@ def _part_of_step(model, before, part):
     return end
 
 
+def _excess(model, state, time, half_index):
+    """What `ended` returns at a state."""
+    at = {"state": state, "time": time, "half_index": half_index}
+    names = asked(model.functions["ended"], "ended")
+    if "found" in names or "sensed" in names:
+        at["found"] = model("look_up", **at)
+    if "sensed" in names:
+        at["sensed"] = model("sense", **at)
+    return model("ended", **at)
+
+
+def _least(excess):
+    """The least of the numbers that `ended` returned, and which of them it is."""
+    numbers = excess if isinstance(excess, tuple) else (excess,)
+    least, which = numbers[0], 0
+    for row, number in enumerate(numbers):
+        least, which = (number, row) if number < least else (least, which)
+    return least, which
+
+
+def _met_by(excess):
+    """The number of the end that is reached; None of none."""
+    if isinstance(excess, bool | np.bool_):
+        return 0 if excess else None
+    least, which = _least(excess)
+    return which if least <= 0.0 else None
+
+
+def met_at(flight, p, law, state, vehicle, nodes):
+    """The number of the end behind which a state lies, in air without variations; None of none."""
+    model = _Model(flight, p, law)
+    model.now |= {"vehicle": vehicle, "air": np.zeros(nodes)}
+    model.now["command"] = flight.parts["command"](*[0.0] * len(flight.parts["command"]._fields))
+    return _met_by(_excess(model, state, 0.0, 0))
+
+
 def _to_end(model, before, after, step, tolerance):
-    """The part of a step after which `ended` is zero, and the state there."""
+    """The part of a step after which `ended` is zero, the state there, and the number of the end."""
     part, end = step, after
-    bracket = (0.0, step, model("ended", state=before), model("ended", state=after), 0.0)
-    if bracket[2] <= 0.0:
-        return 0.0, _part_of_step(model, before, 0.0)
+    time, base = (model.now[name] for name in ("time", "half_index"))
+    above, _ = _least(_excess(model, before, time, base))
+    below, which = _least(_excess(model, after, time + step, base + 2))
+    bracket = (0.0, step, above, below, 0.0)
+    if above <= 0.0:
+        return 0.0, _part_of_step(model, before, 0.0), which
     for _ in range(integrators.END_ITERATIONS):
         lower, upper, above, below, _ = bracket
         part = (lower * below - upper * above) / (below - above)
         end = _part_of_step(model, before, part)
-        excess = model("ended", state=end)
+        excess, which = _least(_excess(model, end, time + part, base + 2))
         if abs(excess) <= tolerance:
             break
         bracket = integrators.narrowed(bracket, part, excess)
-    return part, end
+    return part, end, which

@@ -3,20 +3,22 @@
 import numpy as np
 
 from marsedl.montecarlo.flights.addressed import call_at
-from marsedl.montecarlo.flights.binding import compiled
+from marsedl.montecarlo.flights.binding import asked, compiled
 from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter
 from marsedl.montecarlo.integrators import END_ITERATIONS, narrowed
 from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
+from marsedl.montecarlo.outcomes import MET_AT_THE_START, NOTHING
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 
 def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given_air, results):
     """Fly whole groups; this function is compiled and cached under the name of what is bound to it."""
-    seed, first_trial, increments, first_increment, noise_stream, air_stream = draws
+    seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream = draws
     nodes, remembered = sizes
     air, past = np.empty((nodes, LANES)), np.empty((remembered, LANES))
     for number in range(groups[0], groups[1]):
-        here = (seed, first_trial + number * LANES, increments, first_increment, noise_stream, air_stream)
+        streams = (noise_stream, air_stream, navigation_stream)
+        here = (seed, first_trial + number * LANES, increments, first_increment, *streams)
         _bound(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
@@ -53,21 +55,26 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     rates, rates_of_one = loop("rates"), loop("rates", single=True)
     look_up, look_up_one = loop("look_up"), loop("look_up", single=True)
     ended, ended_one = loop("ended"), loop("ended", single=True)
-    sense, phase, interrupts = loop("sense"), loop("phase"), loop("interrupts")
+    sense, sense_one = loop("sense"), loop("sense", single=True)
+    phase, interrupts = loop("phase"), loop("interrupts")
+    navigate = loop("navigate", masked=True)
     consult = absent if by_address else loop("consult")
     watch, store, observe, finish = loop("watch", masked=True), loop("store"), loop("observe"), loop("finish")
     guides = () if by_address else tuple(compiled(function, "guide", kinds, masked=True) for function in model.guides)
     vary = loop("vary")
     get_drawn, put_drawn = getter(kinds["drawn"]), putter(kinds["drawn"], model.functions["vary"] or absent.py_func)
-    ends, varies, watches, interrupted_by = (
-        model.functions[role] is not None for role in ("ended", "vary", "watch", "interrupts")
+    ends, varies, watches, interrupted_by, navigates = (
+        model.functions[role] is not None for role in ("ended", "vary", "watch", "interrupts", "navigate")
     )
-    phases, finds_root = len(model.guides), model.classes.get("ended") is float
-    STATES, FOUND, SENSED, ADVICE, COMMANDS, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
+    phases, finds_root = len(model.guides), model.classes.get("ended") is not bool
+    judged = asked(model.functions["ended"], "ended") if ends else ()
+    judges_sensed = "sensed" in judged
+    judges_found = judges_sensed or "found" in judged
+    STATES, FOUND, SENSED, NAV, DRAWS, ADVICE, COMMANDS, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
         len(kinds[name]._fields)
         for name in (
-            *("state", "found", "sensed", "advice", "command", "vehicle", "noise", "drawn", "watched"),
-            *("stored", "observed", "final"),
+            *("state", "found", "sensed", "nav", "draws", "advice", "command", "vehicle", "noise", "drawn"),
+            *("watched", "stored", "observed", "final"),
         )
     )
     dress_p, dress_law = dresser(p_shape), dresser(law_shape)
@@ -101,12 +108,22 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
 
     @named_njit
-    def to_end(lane, before, parameters, noise, state, slope, end, excess):
+    def excess_of(lane, now, half_index, state, found, sensed, parameters, excess):
+        """Evaluate `ended` for a single lane, and what it asks for."""
+        command, vehicle, air, p = parameters[4:8]
+        if judges_found:
+            look_up_one(lane, half_index, now, state, air, p, found)
+        if judges_sensed:
+            sense_one(lane, half_index, now, state, found, command, vehicle, p, sensed)
+        ended_one(lane, now, state, found, sensed, vehicle, p, excess)
+
+    @named_njit
+    def to_end(lane, before, parameters, noise, state, slope, end, sensed, excess):
         """Fly the part of a step after which `ended` is zero, and return it; `end` was the end of the whole step."""
-        step, vehicle, p = parameters[2], parameters[5], parameters[7]
-        ended_one(lane, before, vehicle, p, excess)
+        time, base, step, found = parameters[:4]
+        excess_of(lane, time, base, before, found, sensed, parameters, excess)
         part, above = step, excess[0, lane]
-        ended_one(lane, end, vehicle, p, excess)
+        excess_of(lane, time + step, base + 2, end, found, sensed, parameters, excess)
         bracket = (0.0, step, above, excess[0, lane], 0.0)
         if above <= 0.0:  # it began behind its end
             step_lane(0.0, lane, before, parameters, noise, state, slope, end)
@@ -115,7 +132,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             lower, upper, above, below, _ = bracket
             part = (lower * below - upper * above) / (below - above)
             step_lane(part, lane, before, parameters, noise, state, slope, end)
-            ended_one(lane, end, vehicle, p, excess)
+            excess_of(lane, time + part, base + 2, end, found, sensed, parameters, excess)
             if abs(excess[0, lane]) <= end_tolerance:
                 break
             bracket = _narrowed(bracket, part, excess[0, lane])
@@ -143,6 +160,17 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             for lane in range(LANES):
                 drawn_after[row, lane] = drawn[row, lane]
 
+    @named_njit
+    def draw_for(cycle, seed, stream, first_trial, bits, block_of_draws, draws):
+        """The normals that navigation gets in a guidance period; `draws` is filled."""
+        for component in range(DRAWS):
+            number = cycle * DRAWS + component
+            position = number % NORMALS_PER_BLOCK
+            if position == 0 or component == 0:
+                fill_normals(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, block_of_draws)
+            for lane in range(LANES):
+                draws[component, lane] = block_of_draws[position, lane]
+
     def steering(number):
         """The compiled guidance of the phases from `number` on; one that no trial needs is not computed."""
         if number == phases:
@@ -150,23 +178,22 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         guide, later = guides[number], steering(number + 1)
 
         @inline_called_njit
-        def steer(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns):
-            half_index, time, cycle, share = place
+        def steer(scene, command, chosen, in_phase, turns):
             needed = 0
             for lane in range(LANES):
                 turns[0, lane] = chosen[0, lane] * (in_phase[0, lane] == number if phases > 1 else 1.0)
                 needed += turns[0, lane] > 0.0
             if needed > 0:
-                told = (half_index, time, cycle, state, found, share, sensed, advice, memory, past, vehicle, law, p)
-                guide(*told, command, turns)
-            later(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns)
+                guide(*scene, command, turns)
+            later(scene, command, chosen, in_phase, turns)
 
         return steer
 
     @inline_called_njit
-    def steer_at(place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns):
-        (half_index, time, cycle, share), (address, law_words, p_words) = place, law
-        parts = (state, found, sensed, memory, vehicle, past, command, chosen)
+    def steer_at(scene, command, chosen, in_phase, turns):
+        half_index, time, cycle, state, found, share, sensed, nav, _, memory, past, vehicle, law, _ = scene
+        address, law_words, p_words = law
+        parts = (state, found, sensed, nav, memory, vehicle, past, command, chosen)
         call_at(address, (half_index, cycle, time, share, *parts, law_words, p_words))
 
     steer = steer_at if by_address else steering(0)
@@ -177,17 +204,18 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     ):
         p, law, air, past = dress_p(p_values), dress_law(law_values), borrowed(table), borrowed(pasts)
         cycle_start, cycle_step, cycle_steps, every, stores_end = pace
-        seed, first_trial, increments, first_increment, noise_stream, air_stream = draws
-        history, observed, stored_watched, length, stored_final = results
+        seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream = draws
+        history, observed, stored_watched, length, stored_final, ended_by = results
         rows_stored = min(STORED, history.shape[1])
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
         work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
         found, sensed, advice, command = lane_array(FOUND), lane_array(SENSED), lane_array(ADVICE), lane_array(COMMANDS)
         vehicle, noise, drawn = lane_array(VEHICLE), lane_array(NOISES), lane_array(DRAWN)
+        nav, drawn_now, block_of_draws = lane_array(NAV), lane_array(DRAWS), lane_array(NORMALS_PER_BLOCK)
         memory = lane_array(len(memories))  # of laws by address as much as each remembers
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
-        turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
+        turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
         for row in range(DRAWN):
@@ -209,7 +237,19 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 memory[row, lane] = memories[row]
             for row in range(COMMANDS):
                 command[row, lane] = 0.0
+            for row in range(NAV):
+                nav[row, lane] = 0.0
             flying[0, lane], guided[0, lane], in_phase[0, lane] = 1.0, 0.0, 0.0
+            excess[1, lane], ended_by[first + lane] = 0.0, NOTHING
+        if ends:
+            if judges_found:
+                look_up(0, cycle_start[0], state, air, p, found)
+            if judges_sensed:
+                sense(0, cycle_start[0], state, found, command, vehicle, p, sensed)
+            ended(cycle_start[0], state, found, sensed, vehicle, p, excess)
+            for lane in range(LANES):
+                behind = excess[0, lane] <= 0.0 if finds_root else excess[0, lane] != 0.0
+                ended_by[first + lane] = MET_AT_THE_START if behind else NOTHING
 
         # Not literals: what is called with them would be compiled for the literal, and once more for any integer.
         cycle, substep, flown, remaining = np.int64(0), np.int64(0), np.int64(0), np.int64(LANES)
@@ -239,23 +279,26 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 known[0] = True
                 sense(half_index, time, state, found, command, vehicle, p, sensed)
             if guides_now:
-                consult(cycle, time, sensed, memory, vehicle, law, p, advice)
+                if navigates and substep == 0:
+                    draw_for(cycle, seed, navigation_stream, first_trial, bits, block_of_draws, drawn_now)
+                    navigate(cycle, time, sensed, nav, drawn_now, vehicle, p, chosen)
+                consult(cycle, time, sensed, nav, memory, vehicle, law, p, advice)
                 if phases > 1:
-                    phase(cycle, time, sensed, memory, vehicle, law, p, in_phase)
-                place = (half_index, time, cycle, substep / cycle_steps[cycle])
-                steer(
-                    place, state, found, sensed, advice, memory, past, vehicle, law, p, command, chosen, in_phase, turns
-                )
+                    phase(cycle, time, sensed, nav, memory, vehicle, law, p, in_phase)
+                place = (half_index, time, cycle, state, found, substep / cycle_steps[cycle])
+                scene = (*place, sensed, nav, advice, memory, past, vehicle, law, p)
+                steer(scene, command, chosen, in_phase, turns)
                 for lane in range(LANES):
                     guided[0, lane] = 1.0 if chosen[0, lane] > 0.0 else guided[0, lane]
             if watches and (watch_steps or guides_now):
                 ending, asked = 1.0 if over else 0.0, flying if watch_steps else chosen
-                scene = (half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p)
-                watch(watched, ending, *scene, asked)
+                seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
+                watch(watched, ending, *seen_by, asked)
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                store(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, stored)
-                observe(half_index, time, cycle, state, found, guided, sensed, command, memory, vehicle, p, seen)
+                seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
+                store(*seen_by, stored)
+                observe(*seen_by, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
                 # negative makes scattered stores.
                 for row in range(rows_stored):
@@ -296,7 +339,11 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             advance(flown, step, state, noise, parameters, work)
             known[0] = False
             if ends:
-                ended(state, vehicle, p, excess)
+                if judges_found:
+                    look_up(half_index + 2, time + step, state, air, p, found)
+                if judges_sensed:
+                    sense(half_index + 2, time + step, state, found, command, vehicle, p, sensed)
+                ended(time + step, state, found, sensed, vehicle, p, excess)
                 reached = 0
                 for lane in range(LANES):
                     behind = excess[0, lane] <= 0.0 if finds_root else excess[0, lane] != 0.0
@@ -309,7 +356,9 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                                 at_end[row, lane] = state[row, lane]
                             part = step
                             if finds_root:
-                                part = to_end(lane, before, parameters, noise, work[0], work[1], at_end, excess)
+                                part = to_end(lane, before, parameters, noise, *work[:2], at_end, sensed, excess)
+                            if ended_by[first + lane] == NOTHING:
+                                ended_by[first + lane] = np.int8(excess[1, lane])
                             end_time[0, lane] = time + part
                             length[first + lane] = flown // every + 1
                             flying[0, lane] = 0.0
@@ -320,7 +369,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
 
         for lane in range(LANES):
             end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
-        finish(end_time, state, found, sensed, command, memory, vehicle, drawn, watched, p, final)
+        finish(end_time, state, found, sensed, nav, command, memory, vehicle, drawn, watched, p, final)
         for row in range(FINAL):
             for lane in range(LANES):
                 stored_final[row, first + lane] = final[row, lane]

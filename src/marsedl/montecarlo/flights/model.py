@@ -24,7 +24,7 @@ from marsedl.summaries import summary
 from marsedl.words import described, require
 
 _COMPILED = {}  # kernels, and laws that are compiled alone, by their names
-NOISE_STREAM, AIR_STREAM = 1, 2  # of random numbers; 0 is the initial state's
+NOISE_STREAM, AIR_STREAM, NAVIGATION_STREAM = 1, 2, 4  # of random numbers; 0 is the initial state's, 3 the vehicle's
 
 
 class Schedule(NamedTuple):
@@ -81,6 +81,7 @@ class Flight:
         *,
         look_up=None,
         sense=None,
+        navigate=None,
         consult=None,
         phase=None,
         guide=None,
@@ -93,16 +94,19 @@ class Flight:
         finish=None,
         integrator=runge_kutta_4,
         noise=Nothing,
+        draws=Nothing,
         end_tolerance=1e-11,
         watch_steps=None,
     ):
         """Bind the functions of a model; nothing is compiled before the first flight.
 
         Args:
-            rates, look_up, sense, consult, phase, interrupts, ended, vary, store, observe, watch, finish: functions.
+            rates, look_up, sense, navigate, consult, phase, interrupts, ended, vary, store, observe, watch, finish:
+                functions.
             guide: a function, or one for each phase of the guidance, whose number `phase` returns.
             integrator: one of `integrators`.
             noise: NamedTuple that `rates` gets as `noise`, white, one number a component.
+            draws: NamedTuple that `navigate` gets as `draws`, independent standard normals, new in every period.
             end_tolerance: by which the number that `ended` returns may miss zero at the end of a flight.
             watch_steps: whether `watch` is asked at every step and at the end; by default it is without guidance.
 
@@ -129,12 +133,17 @@ class Flight:
             guide or not interrupts,
             "interrupts is asked whether guidance is due within a period; this flight has no guide",
         )
+        for name, numbers in (("noise", noise), ("draws", draws)):
+            require(
+                hasattr(numbers, "_fields"),
+                f"{name} is {numbers!r}; give a NamedTuple class with a field for each of its components",
+            )
         require(
-            hasattr(noise, "_fields"),
-            f"noise is {noise!r}; give a NamedTuple class with a field for each of its components",
+            guide or not navigate or "command" in asked(rates, "rates"),
+            "navigate tells guidance what it knows; this flight has no guide, and rates asks for no command",
         )
         require(
-            self.classes.get("ended") is not float or integrator is runge_kutta_4,
+            self.classes.get("ended", bool) is bool or integrator is runge_kutta_4,
             f"{described(ended)} returns a float, whose zero is found by parts of Runge-Kutta steps; with another "
             f"integrator return a bool, which ends a flight at the end of a step",
         )
@@ -152,6 +161,7 @@ class Flight:
         self.options = {
             "integrator": integrator,
             "noise": noise,
+            "draws": draws,
             "end_tolerance": float(end_tolerance),
             "watch_steps": bool(watch) and (not guide if watch_steps is None else bool(watch_steps)),
         }
@@ -173,6 +183,7 @@ class Flight:
         increments=1,
         first_increment=0,
         streams=(NOISE_STREAM, AIR_STREAM),
+        navigation_stream=NAVIGATION_STREAM,
         stored=None,
         past=0,
         into=None,
@@ -191,7 +202,8 @@ class Flight:
             nodes: of the trials' own air, which `vary` draws. air: the air itself, (nodes, trials), in place of `vary`.
             increments, first_increment: Brownian increments in a step, and before the first one: runs of other steps
                 follow the same path.
-            streams: of the noise and of the air.
+            streams: of the noise and of the air. navigation_stream: of what `navigate` draws; a flight that goes on
+                from another takes its own.
             stored: how many of the numbers that `store` returns are stored; by default all.
             past: numbers that a trial's guidance may write to, `past[i]`, for what it remembers of all periods.
             into: arrays for the history and for what is observed, (times, numbers, trials), where `trials` fill whole
@@ -243,15 +255,16 @@ class Flight:
             final_state=np.empty((size["final"], padded)),
             outcome=np.full(padded, COMPLETED, np.int8),
             length=np.full(padded, times, np.int64),
+            ended=np.empty(padded, np.int8),
         )
         pace = (np.asarray(schedule.start, float), np.asarray(schedule.step, float), np.asarray(schedule.steps, int))
         settings = (
             (*pace, int(schedule.every), bool(schedule.stores_end)),
-            (int(seed), int(first_trial), int(increments), int(first_increment), int(streams[0]), int(streams[1])),
+            (*map(int, (seed, first_trial, increments, first_increment, *streams, navigation_stream)),),
             (len(air) or int(nodes), int(past)),
         )
         tables = (start, vehicle, np.array(tuple(memory), float), air)
-        results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
+        results = (flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state, flown.ended)
         groups, threads = padded // LANES, min(get_num_threads(), padded // LANES)
         bounds = [groups * number // threads for number in range(threads + 1)]
 
@@ -275,7 +288,7 @@ class Flight:
             if not kernel.overloads:
                 fly_groups(0, 0)  # compiles, or loads
                 if kernel.stats.cache_misses:
-                    doubted += ["rates", "sense"] if by_address else ["rates", "sense", "guide"]
+                    doubted += ["rates", "sense", "navigate"] + ["guide"] * (not by_address)
         diagnosis.warn_of_scalar_loops(self, doubted, p, law, vehicle_class)
         if threads == 1:
             fly_groups(0, groups)
@@ -314,7 +327,7 @@ class Flight:
         from marsedl.montecarlo.flights import addressed, loop
         from marsedl.montecarlo.flights.columns import shape_of, types_of
 
-        kinds = {**self.parts, "vehicle": vehicle_class, "noise": self.options["noise"]}
+        kinds = {**self.parts, "vehicle": vehicle_class, **{name: self.options[name] for name in ("noise", "draws")}}
         functions, guides = self.functions, self.guides
         if by_address:
             kinds |= addressed.kinds_of_kernel(self)

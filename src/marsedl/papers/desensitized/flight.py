@@ -14,8 +14,8 @@ from marsedl.models.atmosphere import log_density_in_cells
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
-from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
-from marsedl.papers.desensitized.components import ALTITUDE, STATES, STORED
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE, NOTHING
+from marsedl.papers.desensitized.components import STATES, STORED
 from marsedl.papers.desensitized.entry_problem import ROUNDING
 from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
@@ -259,6 +259,6 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
         State(*np.transpose(initial_states), 0.0, *reference.initial_state),
         vehicle=Air(density_factor),
     )
-    trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
+    trajectories.outcome[trajectories.ended != NOTHING] = CRASHED
     trajectories.outcome[~trajectories.finite] = NON_FINITE
     return trajectories.cleared()

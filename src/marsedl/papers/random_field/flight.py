@@ -17,7 +17,7 @@ from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.flights import Flight, Nothing, Schedule
 from marsedl.montecarlo.lanes import LANES, lane_array
-from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE, NOTHING
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import ALTITUDE, FLIGHT_PATH_ANGLE
@@ -324,7 +324,7 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
         past=3 * len(law.control),
     )
     trajectories = replace(trajectories, observed_maximum=trajectories.observed_maximum[:2])
-    trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
+    trajectories.outcome[trajectories.ended != NOTHING] = CRASHED
     trajectories.outcome[~trajectories.finite] = NON_FINITE
     return trajectories.cleared()
 

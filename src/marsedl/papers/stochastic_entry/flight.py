@@ -23,7 +23,7 @@ from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.flights import Flight, periods
-from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE
+from marsedl.montecarlo.outcomes import CRASHED, ESCAPED, NON_FINITE, NOTHING
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import (
@@ -35,7 +35,7 @@ from marsedl.papers.stochastic_entry.dispersions import (
     factors,
 )
 from marsedl.papers.stochastic_entry.inputs import Inputs
-from marsedl.papers.stochastic_entry.records import ALTITUDE, HISTORY, VELOCITY
+from marsedl.papers.stochastic_entry.records import ALTITUDE, HISTORY
 
 FEATURES = 7  # that a law feeds back: the first fields of `Sensed`
 DRAG, ALTITUDE_RATE = 5, 6  # of them, behind radius, velocity, flight path angle, downrange and density
@@ -547,7 +547,7 @@ def fly(
     )
     final = flights.final_state
     if velocity_trigger:
-        flights.outcome[final[VELOCITY] > settings.end_velocity + 1e-6] = ESCAPED
+        flights.outcome[flights.ended == NOTHING] = ESCAPED
     flights.outcome[final[ALTITUDE] < 0.0] = CRASHED
     flights.outcome[~np.isfinite(final).all(axis=0)] = NON_FINITE
     return flights
