@@ -566,9 +566,7 @@ def test_a_trigger_is_not_refused_for_a_nominal_start_that_no_trial_has():
         return [1.0, 2.0][int(1e6 / (state.altitude - 500.0) ** 2)]
 
     start = {"altitude": Normal(500.0, 20.0)}
-    assert not Campaign(PROBE, start, guide, height, 5.0, 1.0, 4, None, 0).met_at_the_start(
-        *map(np.array, ([[9e3], [-20.0]], [[1.0]]))
-    )
+    assert Campaign(PROBE, start, guide, height, 5.0, 1.0, 4, None, 0).ends.names[0] == "ended: height"
 
 
 UNGUARDED = """

@@ -122,7 +122,7 @@ def slow(state):
 NOT_OF_A_TRIAL = "whose answers belong to no trial, so that a replay would be another flight: disperse the start"
 TABLE = {"velocity": [0.0, 6e3], "bank": [1.2, 1.0]}
 MISUSES = [
-    ({"law": asks_for_noise}, r"asks for 'noise', of which it is not told; There are: time, law, vehicle, sensed"),
+    ({"law": asks_for_noise}, r"asks for 'noise', of which it is not told; There are: time, law, nav, sensed"),
     ({"law": misspells}, r"misspells \(.*line \d+\) asks for 'sense', .*did you mean 'sensed'\?"),
     ({"law": returns_words}, r"returns_words \(.*line \d+\) returned 'steep'; it must return bank"),
     ({"law": returns_an_array}, r"returned array\(\[1.2\]\); it must return bank"),
@@ -145,7 +145,7 @@ MISUSES = [
     ({"law": GainTable(TABLE | {"bank_per_rnge": [1.0, 1.0]})}, r"'bank_per_rnge' is unknown; did you mean 'bank_per_"),
     ({"law": GainTable(TABLE | {"bank_per_range": [1.0, 1.0]})}, r"column 'range' is missing, .* reference of a gain"),
     ({"law": Normal(1.2, 0.1)}, r"law Normal\(.*\) is none: give a function"),
-    ({"trigger": slow}, r"annotate what slow \(.*line \d+\) returns: float \(its zero is found\) or bool"),
+    ({"trigger": slow}, r"annotate what slow \(.*line \d+\) returns: float \(its zero is found\), a named tuple"),
     ({"trigger": "velocity < 480"}, r"trigger 'velocity < 480' is none: give Below\(name, value\), Above"),
     ({"period": -1.0}, r"period is -1.0 s; it must be positive"),
     ({"trials": 1e2}, r"trials must be a whole number of at least 1, got 100.0"),

@@ -268,7 +268,7 @@ def ends_of(trigger, model, nominal) -> Ends:
     Raises:
         ValueError: for a quantity that is not known of a flight, or is beyond the trigger at the start.
     """
-    from marsedl.montecarlo.flights.binding import hints
+    from marsedl.montecarlo.flights.binding import returned
 
     flight, sensed = model.flight, model.flight.parts["sensed"]._fields
     own, state = flight.functions["ended"], flight.parts["state"]._fields
@@ -282,7 +282,7 @@ def ends_of(trigger, model, nominal) -> Ends:
     given = trigger if isinstance(trigger, Mapping) else {} if trigger is None else {None: trigger}
     whole, kinds, data, names = {**model.ends, **given}, [], [], []
     whole = {**given, **whole}  # the given ones first
-    single = [one for one in whole.values() if callable(one) and hints(one).get("return") is bool]
+    single = [one for one in whole.values() if callable(one) and returned(one, "ended") == (bool,)]
     if single:  # it ends flights after a step, alone
         require(
             not isinstance(trigger, Mapping), f"{described(single[0])} returns a bool; let named triggers be floats"

@@ -237,9 +237,9 @@ def _met_by(excess):
 
 def met_at(flight, p, law, state, vehicle, nodes):
     """The number of the end behind which a state lies, in air without variations; None of none."""
-    model = _Model(flight, p, law)
-    model.now |= {"vehicle": vehicle, "air": np.zeros(nodes)}
-    model.now["command"] = flight.parts["command"](*[0.0] * len(flight.parts["command"]._fields))
+    model = _Model(flight, numpy_numbers(p), numpy_numbers(law), trial=0)
+    model.now |= {"vehicle": vehicle, "air": np.zeros(nodes), "time": np.float64(0.0)}
+    model.now["command"] = flight.parts["command"](*[np.float64(0.0)] * len(flight.parts["command"]._fields))
     return _met_by(_excess(model, state, 0.0, 0))
 
 
