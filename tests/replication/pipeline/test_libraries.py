@@ -12,6 +12,7 @@ from marsedl.papers import SLUGS, catalogue
 from marsedl.replication.pipeline import libraries
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.pipeline.libraries import COMPANIONS, DISTRIBUTIONS, library_versions, versions_used
+from marsedl.replication.records.recipes import recipe_changes
 
 ROOT = Path(__file__).parents[3]
 STAGE = fingerprints_of(ROOT).libraries("stage.py")
@@ -103,3 +104,14 @@ def test_planning_looks_versions_up_without_importing_the_libraries():
     program += "print('numpy' in sys.modules)"
     process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert process.stdout.strip() == "False"
+
+
+def test_a_library_that_is_gone_changed_or_new_is_told_by_its_name():
+    def told(before, now):
+        recipe = {"inputs": {}, "options": {}, "code": "a", "needs": {}}
+        return list(recipe_changes(recipe | {"libraries": before}, recipe | {"libraries": now}))
+
+    assert told("python 3.11, numba 1", "python 3.11, numba 2") == ["'numba 1' among the libraries"]
+    assert told("python 3.11", "python 3.11, numba 2") == ["no 'numba 2' among the libraries"]
+    assert told("python 3.11, numba 2", "python 3.11") == ["'numba 2' among the libraries"]
+    assert told("python 3.11", "python 3.11") == []

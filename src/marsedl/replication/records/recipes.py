@@ -35,8 +35,9 @@ def recipe_changes(stored: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iter
     if stored.get("code") != recipe["code"]:
         yield "other code"
     old, new = (str(side.get("libraries", "")).split(", ") for side in (stored, recipe))
-    if old != new:
-        yield f"{shown(', '.join(item for item in old if item not in new))} among the libraries"
+    gone, added = (", ".join(item for item in one if item not in other) for one, other in ((old, new), (new, old)))
+    if gone or added:
+        yield f"{shown(gone)} among the libraries" if gone else f"no {shown(added)} among the libraries"
     old, new = stored.get("needs", {}), recipe["needs"]
     if changed_needs := sorted(name for name in new if old.get(name) != new[name]):
         yield f"another {', '.join(changed_needs[:NAMED_CHANGES])}"
