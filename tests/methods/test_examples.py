@@ -45,7 +45,7 @@ def test_every_example_is_tested():
     tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
     # These read a build: tests/results/test_results.py, tests/replication/universes/test_on_a_paper.py.
     elsewhere = {"results": 6, "universes": 1, "formats": 1, "using": 1}
-    expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 4}
+    expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 4, "one_dynamics": 5}
     assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
     assert len(tested) == 4
 
@@ -130,6 +130,21 @@ def test_desensitized_example_does_what_its_page_says():
     # What the sensitivity says of the miss, and what is flown, to first order.
     slope = robust.state(names["miss"])[-1]
     np.testing.assert_allclose(fly_sled(robust, gain, 0.0202) - fly_sled(robust, gain, 0.02), 2e-4 * slope, rtol=0.02)
+
+
+def test_one_function_is_optimised_linearised_flown_and_enclosed_as_its_page_says():
+    names, page = {}, ROOT / "docs/examples/one_dynamics.md"
+    exec(compile("\n".join(examples(page)), str(page), "exec"), names)
+    optimum, flown, predicted = names["optimum"], names["flown"], np.sqrt(np.diag(names["predicted"]))
+    np.testing.assert_allclose(optimum.states[-1], [*np.zeros(6), 816.0], atol=0.5)
+    np.testing.assert_allclose(names["states"], optimum.states, atol=1e-2)  # by the integrator's own steps
+    np.testing.assert_allclose(flown, predicted, rtol=3 / np.sqrt(2 * TRIALS))
+    np.testing.assert_allclose(flown[:3], 32.0, rtol=0.05)
+    places = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIALS, 10))
+    places[::2] = np.sign(places[::2])  # corners
+    drawn = np.array([names["calm"](*row) for row in names["middle"] + np.array(names["widths"]) * places])
+    largest, bounds = np.abs(drawn).max(axis=0), np.array([rate.bound for rate in names["enclosed"]])
+    assert (largest <= bounds).all() and (bounds <= 1.01 * largest).all()
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from marsedl.elementary import clip, select
 from marsedl.methods.taylor import Series
 from marsedl.methods.taylor_model import Monomials, TaylorModel, variables
 
@@ -112,6 +113,32 @@ def test_rounding_is_in_the_remainder():
     (x,) = variables((1,), 1)
     lost = (1e16 + x / 3) - 1e16
     assert abs(lost.coefficients[0]) + abs(lost.coefficients[1] - 1 / 3) <= lost.remainder
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_a_root_is_enclosed_with_one_order_more(order):
+    def root(x, radius):
+        return np.sqrt(2.0 + radius * x[0] - radius**2 * x[4] * x[1])
+
+    points = points_in_balls(5000, 8)
+    models = [root(variables(BALLS, order), radius) for radius in (0.4, 0.2)]
+    errors = [
+        np.abs(root(points.T, radius) - model.monomials.evaluate(points) @ model.coefficients).max()
+        for radius, model in zip((0.4, 0.2), models, strict=True)
+    ]
+    assert all(error <= model.remainder < 30 * error for error, model in zip(errors, models, strict=True))
+    assert np.log2(models[0].remainder / models[1].remainder) > order + 0.9
+    with pytest.raises(ValueError, match="has no root: its domain is too large"):
+        root(variables(BALLS, order), 2.0)
+
+
+def test_a_comparison_is_decided_where_one_answer_holds_everywhere():
+    x = variables(BALLS, 2)[0]
+    assert (x > -1.001) and (x < 1.001) and not (x >= 1.001) and (x < 2.0) and not (x <= -1.5)
+    assert clip(x, -3.0, 3.0) is x and clip(x, 4.0, 5.0) == 4.0
+    for undecided in (0.0, 0.999, -1.0):
+        with pytest.raises(ValueError, match="lies on both sides of a branch: its domain is too large"):
+            select(x > undecided, x, 0.0)
 
 
 def test_elementary_functions_are_right_at_the_constant_term():

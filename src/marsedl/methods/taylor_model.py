@@ -162,11 +162,12 @@ def variables(balls, order):
 class TaylorModel(np.lib.mixins.NDArrayOperatorsMixin):
     """Function enclosed by a polynomial and a remainder: f(z) = p(z) + e(z), |e(z)| <= r, norm(z_1), ... <= 1.
 
-    A function that is written with operators, sin, cos, exp, reciprocal and integer powers of numpy accepts Taylor
-    models (`variables`) in place of numbers and returns an enclosure of itself. What a product leaves out (the terms
-    above the order, by the bounds of the homogeneous parts) and what floating point rounds goes into the remainder.
-    Elementary functions are expanded at the constant term, with the remainder of Lagrange, or of the geometric series
-    for the reciprocal; numpy's values of them at a number are taken as right to 1e-13 relative.
+    A function that is written with operators, sin, cos, exp, sqrt, reciprocal and integer powers of numpy accepts
+    Taylor models (`variables`) in place of numbers and returns an enclosure of itself. What a product leaves out (the
+    terms above the order, by the bounds of the homogeneous parts) and what floating point rounds goes into the
+    remainder. Elementary functions are expanded at the constant term, with the remainder of Lagrange, or of the
+    geometric series for the reciprocal; numpy's values of them at a number are taken as right to 1e-13 relative. A
+    comparison, and with it `elementary.select` and `clip`, is decided where it has one answer on the whole domain.
 
     Args:
         coefficients: of the monomials, (m,).
@@ -174,7 +175,7 @@ class TaylorModel(np.lib.mixins.NDArrayOperatorsMixin):
         monomials: `Monomials`.
 
     Raises:
-        ValueError: if no finite remainder is known.
+        ValueError: if no finite remainder is known, or a comparison has no answer that holds everywhere.
     """
 
     __slots__ = ("_powers", "coefficients", "degree_bounds", "monomials", "remainder")
@@ -299,6 +300,19 @@ def _reciprocal(a):
     return _composition(a, terms, 1.0 / (least * abs(center) ** (order + 1)))
 
 
+def _sqrt(a):
+    """Binomial series at the constant term; the derivatives of the root are largest where the model is least."""
+    order, center = a.monomials.order, float(a.coefficients[0])
+    least = center - a.deviation_powers()[1].bound
+    if not least > 0.0:
+        raise ValueError("a Taylor model that may vanish or be negative has no root: its domain is too large")
+    binomials = [1.0]
+    for k in range(order + 1):
+        binomials.append(binomials[-1] * (0.5 - k) / (k + 1))
+    terms = [binomial * center ** (0.5 - k) for k, binomial in enumerate(binomials[:-1])]
+    return _composition(a, terms, abs(binomials[-1]) * least ** (-0.5 - order))
+
+
 def _divide(a, b):
     return _multiply(a, _reciprocal(b)) if isinstance(b, TaylorModel) else _multiply(a, 1.0 / b)
 
@@ -311,7 +325,21 @@ def _power(a, exponent):
     return power if exponent >= 0 else _reciprocal(power)
 
 
+def _decided(comparison):
+    """A comparison that holds, or fails, everywhere: what branches on it is one function, and enclosed as such."""
+
+    def decide(a, b):
+        difference = a - b
+        middle = float(difference.coefficients[0])
+        if not difference.deviation_powers()[1].bound < abs(middle):
+            raise ValueError("a Taylor model lies on both sides of a branch: its domain is too large")
+        return bool(comparison(middle, 0.0))
+
+    return decide
+
+
 _FUNCTIONS = {
+    **{one: _decided(one) for one in (np.less, np.less_equal, np.greater, np.greater_equal)},
     np.add: _add,
     np.subtract: _subtract,
     np.multiply: _multiply,
@@ -322,6 +350,7 @@ _FUNCTIONS = {
     np.negative: _negative,
     np.positive: lambda a: a,
     np.exp: _exp,
+    np.sqrt: _sqrt,
     np.sin: lambda a: _sine_of_shifted(a, 0),
     np.cos: lambda a: _sine_of_shifted(a, 1),
 }
