@@ -172,6 +172,24 @@ def test_list_imports_nothing_heavy():
     assert process.stdout.splitlines()[-1] == "imported []"
 
 
+def test_results_and_claims_import_nothing_that_compiles_or_optimises():
+    code = """
+import pkgutil, sys
+from importlib import import_module
+
+from marsedl import results
+from marsedl.papers import SLUGS
+
+for slug in SLUGS:
+    claims = import_module(f"marsedl.papers.{slug}.claims")
+    for module in pkgutil.iter_modules(claims.__path__, f"{claims.__name__}."):
+        import_module(module.name)
+print("imported", {"numba", "casadi", "cvxpy"} & {*sys.modules})
+"""
+    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.splitlines()[-1] == "imported set()"
+
+
 def test_a_closed_pipe_is_no_error():
     """As in `marsedl list | head -1`."""
     command = f"{sys.executable} -m marsedl.cli list | head -1; exit ${{PIPESTATUS[0]}}"

@@ -4,7 +4,6 @@ import functools
 import numbers
 
 import numpy as np
-from numba import njit
 
 from marsedl.compiling import jitable
 from marsedl.methods.checks import require_at_least
@@ -117,7 +116,12 @@ def _recurrence(function):
 
     These are what a closed loop is expanded with at many points at once: numpy takes longer to be called than to add.
     """
-    compiled = njit(cache=True, error_model="numpy")(function)
+
+    @functools.cache
+    def compiled():
+        from numba import njit  # here, as claims read series without computing any
+
+        return njit(cache=True, error_model="numpy")(function)
 
     @functools.wraps(function)
     def run(*arrays):
@@ -125,7 +129,7 @@ def _recurrence(function):
         plain = len(shape) == 2 and all(
             a.dtype == np.float64 and a.shape == shape and a.flags.c_contiguous for a in arrays
         )
-        (compiled if plain else function)(*arrays)
+        (compiled() if plain else function)(*arrays)
 
     return run
 
