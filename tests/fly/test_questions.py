@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from marsedl.fly import Below, Model, MultivariateNormal, Normal, fly
+from marsedl.fly import Below, Error, Model, MultivariateNormal, Normal, Senses, fly
 from marsedl.fly.shares import explained_share
 from marsedl.montecarlo.flights import Flight
 
@@ -24,6 +24,10 @@ class Push(NamedTuple):
 
 def rates(state, command: Push) -> State:
     return State(state.speed, -0.5 * state.speed - 10.0 + command.up, 0.0)
+
+
+def brake(speed) -> Push:
+    return Push(-0.5 * (speed + 10.0))
 
 
 PROBE = Model(Flight(rates), quantities={"altitude": ("m", "altitude"), "speed": ("m/s", "climb rate")})
@@ -119,6 +123,17 @@ def test_a_derived_quantity_is_asked_as_others_are(falls):
     assert more.extended(4100).values("miss")[:4000].tolist() == more.values("miss").tolist()
     assert more.worst("miss", 1)["miss"].iloc[0] == more.values("miss")[more.worst("miss", 1).index[0]]
     assert more.with_quantity("double", "2 * miss").values("double").tolist() == (2 * more.values("miss")).tolist()
+
+
+def test_errors_of_senses_are_drawn_and_explain_what_they_do():
+    senses = Senses(speed=Error(bias=Normal(0.0, 2.0), noise=0.1))
+    flights = fly(PROBE, START, law=brake, senses=senses, end_time=SECONDS, trials=2000)
+    assert list(flights.drawn) == ["start_altitude", "start_speed", "speed_bias"]
+    one = flights.replay(7)
+    errors = (one.history["nav_speed"] - one.history["speed"]).loc[[0.0, 1.0, 2.0, 3.0]]  # when the law is asked
+    assert np.abs(errors - one.drawn["speed_bias"]).max() < 0.5 < abs(one.drawn["speed_bias"]), "less five deviations"
+    shares = flights.explains("speed").set_index("drawn")["share"]
+    assert shares["speed_bias"] > 0.9 > 0.05 > max(shares["start_speed"], shares["start_altitude"])
 
 
 def test_correlated_numbers_are_drawn_by_name():

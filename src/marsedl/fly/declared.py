@@ -138,9 +138,10 @@ class Declared(NamedTuple):
     single: tuple[tuple[int, Normal | Uniform, float], ...]  # place, distribution, SI factor
     joint: tuple[tuple[tuple[int, ...], np.ndarray], ...]  # places, root of the covariance
 
-    def dispersed(self) -> list[int]:
-        """Places of the names that are dispersed."""
-        return sorted({place for place, *_ in self.single} | {place for places, _ in self.joint for place in places})
+    def dispersed(self) -> list[str]:
+        """Names that are dispersed, in order."""
+        places = {place for place, *_ in self.single} | {place for places, _ in self.joint for place in places}
+        return [self.names[place] for place in sorted(places)]
 
     def sample(self, seed, stream, trials, bounds=None):
         """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name."""

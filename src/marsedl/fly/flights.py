@@ -141,15 +141,17 @@ class Flights:
     def drawn(self) -> dict[str, np.ndarray]:
         """Dispersed numbers of all flights by name, each (trials,), in SI units.
 
-        Those of the start are `start_velocity` and the like, those of the vehicle have its names. What air and noise
-        drew is not among them.
+        Those of the start are `start_velocity` and the like, those of the vehicle have its names, constant errors of
+        senses are `altitude_bias` and the like. What air and noise drew is not among them.
         """
-        campaign, found = self.campaign, {}
-        for before, declared, table in zip(
-            ("start_", ""), (campaign.start, campaign.vehicle), campaign.drawn(range(self.trials)), strict=True
-        ):
-            found |= {f"{before}{declared.names[place]}": table[place] for place in declared.dispersed()}
-        return found
+        campaign, senses = self.campaign, self.campaign.senses
+        start, vehicle = campaign.drawn(range(self.trials))
+        dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
+        of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
+        return {
+            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.start.dispersed()},
+            **{name: values for name, values in of_vehicle if name in dispersed},
+        }
 
     @cached_property
     def _known(self):
