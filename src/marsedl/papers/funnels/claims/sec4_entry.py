@@ -24,7 +24,7 @@ from marsedl.papers.funnels.records import (
     Nominal,
     StageStudy,
 )
-from marsedl.replication.claims.counterexamples import in_reading, replaced, scaled, shifted
+from marsedl.replication.claims.counterexamples import replaced, scaled, shifted
 from marsedl.replication.claims.thresholds import ROUNDING
 from marsedl.replication.claims.writing import check, claim, holds, measure, measured, whichever
 from marsedl.replication.pipeline.injection import Missing
@@ -143,7 +143,7 @@ def entry_equations(equations_of_motion: EquationsOfMotion):
 
 @claim(
     choices="scale_lengths scale_bank slices",
-    counterexample=in_reading("additive"),
+    counterexample=replaced("funnel.rising_undisturbed", 1e-3),
 )
 def tvlqr_as_lyapunov(recursion: Recursion, funnel: Funnel, definiteness: Definiteness):
     if recursion.shape != "value_matrix":
