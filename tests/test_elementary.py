@@ -208,21 +208,36 @@ def test_not_a_number_and_infinite_arguments():
     assert np.isnan(actual[:, ::2]).all() and np.isfinite(actual[:, 1::2]).all()
 
 
+def compiled_alone(function):
+    """The scalar code of a function, for one value at a time."""
+
+    @njit(error_model="numpy")
+    def call(*values):
+        return function(*values)
+
+    return call
+
+
+def in_vectors_and_alone(angles, powers, positive, cosines, sides, bits, way):
+    """Pairs of what vectors give and what `way` of each function gives for one value after the other."""
+    opposite = sides.reshape(-1, LANES)[:, ::-1].ravel()
+    functions = sine_cosine, exponential, logarithm, arc_cosine, arctangent, sine_cosine_of_turn
+    sine_and_cosine, power_of_e, log, arccos, arctan, of_turn = map(way, functions)
+    return [
+        (evaluated(sines_and_cosines, angles, 2).T, [sine_and_cosine(angle) for angle in angles]),
+        (evaluated(exponentials, powers)[0], [power_of_e(power) for power in powers]),
+        (evaluated(logarithms, positive)[0], [log(x) for x in positive]),
+        (evaluated(arc_cosines, cosines)[0], [arccos(x) for x in cosines]),
+        (evaluated(arctangents, sides)[0], [arctan(*pair) for pair in zip(sides, opposite, strict=True)]),
+        (evaluated(sines_and_cosines_of_turns, bits, 2).T, [of_turn(b) for b in bits]),
+    ]
+
+
 def test_vectors_give_the_bits_of_single_values():
-    # a call for one value goes through scalar code
     angles, powers, positive = arguments(1e4)[::20], arguments(708.0)[::20], np.abs(arguments(1e4)[::20]) + 1e-300
     bits = np.random.default_rng(4).integers(0, 2**64, 150, dtype=np.uint64)
     cosines, sides = arguments(1.0)[::20], np.random.default_rng(7).normal(size=4 * LANES)
-    opposite = sides.reshape(-1, LANES)[:, ::-1].ravel()
-    cases = [
-        (evaluated(sines_and_cosines, angles, 2).T, [sine_cosine(angle) for angle in angles]),
-        (evaluated(exponentials, powers)[0], [exponential(power) for power in powers]),
-        (evaluated(logarithms, positive)[0], [logarithm(x) for x in positive]),
-        (evaluated(arc_cosines, cosines)[0], [arc_cosine(x) for x in cosines]),
-        (evaluated(arctangents, sides)[0], [arctangent(*pair) for pair in zip(sides, opposite, strict=True)]),
-        (evaluated(sines_and_cosines_of_turns, bits, 2).T, [sine_cosine_of_turn(b) for b in bits]),
-    ]
-    for together, alone in cases:
+    for together, alone in in_vectors_and_alone(angles, powers, positive, cosines, sides, bits, compiled_alone):
         np.testing.assert_array_equal(together, alone)
 
 
@@ -245,16 +260,8 @@ def test_plain_python_has_the_bits_of_vectors():
     bits = random.integers(0, 2**64, count, dtype=np.uint64)
     bits[:8] = np.arange(8, dtype=np.uint64) << np.uint64(61)
     sides = np.resize(angles, -(-count // LANES) * LANES)
-    opposite = sides.reshape(-1, LANES)[:, ::-1].ravel()
-    cases = [
-        (evaluated(sines_and_cosines, angles, 2).T, [sine_cosine(angle) for angle in angles]),
-        (evaluated(exponentials, powers)[0], [exponential(power) for power in powers]),
-        (evaluated(logarithms, positive)[0], [logarithm(x) for x in positive]),
-        (evaluated(arc_cosines, cosines)[0], [arc_cosine(x) for x in cosines]),
-        (evaluated(arctangents, sides)[0], [arctangent(*pair) for pair in zip(sides, opposite, strict=True)]),
-        (evaluated(sines_and_cosines_of_turns, bits, 2).T, [sine_cosine_of_turn(b) for b in bits]),
-    ]
-    for compiled, plain in cases:
+    pairs = in_vectors_and_alone(angles, powers, positive, cosines, sides, bits, lambda function: function)
+    for compiled, plain in pairs:
         np.testing.assert_array_equal(compiled.view(np.uint64), np.array(plain).view(np.uint64))
 
 
