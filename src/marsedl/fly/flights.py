@@ -144,8 +144,12 @@ class Flights:
         Those of the start are `start_velocity` and the like, those of the vehicle have its names, constant errors of
         senses are `altitude_bias` and the like. What air and noise drew is not among them.
         """
+        return self._drawn(range(self.trials))
+
+    def _drawn(self, trials):
+        """What some trials drew, by name."""
         campaign, senses = self.campaign, self.campaign.senses
-        start, vehicle = campaign.drawn(range(self.trials))
+        start, vehicle = campaign.drawn(trials)
         dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
         of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
         return {
@@ -473,7 +477,7 @@ class Flights:
         if "end_time" in final:  # of an end within a step; the command is held
             held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
             history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
-        drawn = {name: float(one[trial]) for name, one in self.drawn.items()}
+        drawn = {name: float(one) for name, (one,) in self._drawn(range(trial, trial + 1)).items()}
         return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
 
     def to_pandas(self):
