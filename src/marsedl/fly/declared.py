@@ -260,17 +260,23 @@ def declare(given, units, defaults, what, bounds) -> Declared:
 
 
 class Below(NamedTuple):
-    """Trigger: ends a flight where a quantity falls to a value: of its state, what is sensed of it, or the time."""
+    """A quantity below a value: as trigger, which ends a flight where it falls there; as limit of a design.
 
-    quantity: str
+    A trigger names a number of the state, one that is sensed, or the time. A limit (`marsedl.design`) may be a function
+    of `state` or of `command`, and has the probability with which it may be violated.
+    """
+
+    quantity: str | Callable
     value: float
+    probability: float | None = None
 
 
 class Above(NamedTuple):
-    """Trigger: ends a flight where a quantity rises to a value: of its state, what is sensed of it, or the time."""
+    """A quantity above a value: as trigger, which ends a flight where it rises there; as limit, as `Below`."""
 
-    quantity: str
+    quantity: str | Callable
     value: float
+    probability: float | None = None
 
 
 # ---- planet and air --------------------------------------------------------------------------------------------------

@@ -311,6 +311,10 @@ def _crossing(trigger, state, units, nominal, advice):
 
     state: names of the state. units: of all that is known. advice: what else a user may do if it is met at the start.
     """
+    require(
+        isinstance(trigger.quantity, str) and trigger.probability is None,
+        f"trigger {trigger} is a limit of a design: give the name of a quantity and a value, or the function alone",
+    )
     name, factor = resolve(trigger.quantity, units, "trigger")
     sign, word = (1.0, "below") if isinstance(trigger, Below) else (-1.0, "above")
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
