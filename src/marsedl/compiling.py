@@ -7,6 +7,7 @@ entry point `numba_extensions`. What a model of a flight calls needs no decorato
 
 import sys
 from collections.abc import Callable
+from functools import cache, wraps
 from itertools import count
 from secrets import randbits
 
@@ -32,6 +33,18 @@ def jitable(function: Callable, in_kernels: Callable | None = None, **options) -
 def inlined(function: Callable, in_kernels: Callable | None = None) -> Callable:
     """Let kernels call a plain function within their loops over trials, where a call would prevent vector code."""
     return jitable(function, in_kernels, error_model="numpy", forceinline=True)
+
+
+def compiled_when_called(function: Callable) -> Callable:
+    """Return the function of which the first call compiles it, and imports numba."""
+
+    @cache
+    def kernel():
+        from numba import njit
+
+        return njit(error_model="numpy", cache=True)(function)
+
+    return wraps(function)(lambda *arguments: kernel()(*arguments))
 
 
 def register_waiting() -> None:

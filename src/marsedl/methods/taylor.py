@@ -5,7 +5,7 @@ import numbers
 
 import numpy as np
 
-from marsedl.compiling import jitable
+from marsedl.compiling import compiled_when_called, jitable
 from marsedl.methods.checks import require_at_least
 
 __all__ = ["Series"]
@@ -117,11 +117,7 @@ def _recurrence(function):
     These are what a closed loop is expanded with at many points at once: numpy takes longer to be called than to add.
     """
 
-    @functools.cache
-    def compiled():
-        from numba import njit  # here, as claims read series without computing any
-
-        return njit(cache=True, error_model="numpy")(function)
+    compiled = compiled_when_called(function)
 
     @functools.wraps(function)
     def run(*arrays):
@@ -129,7 +125,7 @@ def _recurrence(function):
         plain = len(shape) == 2 and all(
             a.dtype == np.float64 and a.shape == shape and a.flags.c_contiguous for a in arrays
         )
-        (compiled() if plain else function)(*arrays)
+        (compiled if plain else function)(*arrays)
 
     return run
 

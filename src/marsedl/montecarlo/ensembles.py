@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from marsedl.compiling import compiled_when_called
 from marsedl.montecarlo import LANES
 from marsedl.montecarlo.outcomes import NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
@@ -81,19 +82,7 @@ SimulateBlock = Callable[[int, int], Trajectories]
 # ---- reduction of blocks and chunks ----------------------------------------------------------------------------------
 
 
-def _compiled_when_called(function):
-    """Compile a function without an import of numba before."""
-
-    @functools.cache
-    def kernel():
-        from numba import njit
-
-        return njit(error_model="numpy", cache=True)(function)
-
-    return lambda *arguments: kernel()(*arguments)
-
-
-@_compiled_when_called
+@compiled_when_called
 def _count_in_bins(values, edges, counts):
     """Add values (times, n_observed, trials) to counts (times, n_counted, bins + 2); bins are closed on the left."""
     bins = edges.shape[1] - 1

@@ -10,7 +10,7 @@ from functools import cache, wraps
 
 import numpy as np
 
-from marsedl.compiling import inlined
+from marsedl.compiling import compiled_when_called, inlined
 from marsedl.elementary import logarithm, sine_cosine_of_turn
 from marsedl.montecarlo import LANES
 
@@ -104,17 +104,12 @@ def fill_normals(seed, stream, first_trial, block, bits, out):
 
 def _compiled_for_many(function):
     """Compile a function of seed, stream, trials and count, unless few numbers are wanted and numba is not there."""
-
-    @cache
-    def kernel():
-        from numba import njit
-
-        return njit(error_model="numpy", cache=True)(function)
+    compiled = compiled_when_called(function)
 
     @wraps(function)
     def run(seed, stream, trials, count):
         if "numba" in sys.modules or trials.size * count > _FEW:
-            return kernel()(seed, stream, trials, count)
+            return compiled(seed, stream, trials, count)
         with np.errstate(over="ignore"):  # words wrap
             return function(seed, stream, trials, count)
 
