@@ -140,6 +140,14 @@ def test_a_margin_is_in_units_of_the_tolerance_of_the_fields_size():
     assert margin("a", reduced(1000.0, 2000.0), off) == pytest.approx(3.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("name", ["corrected/gains/gap_above_floor", "corrected/gains/complementarity", "a/solver_gap"])
+def test_what_is_zero_but_for_rounding_is_compared_as_of_size_one(name):
+    """The last bits of all that goes into it are its first digits."""
+    assert margin(name, reduced(9e-7), reduced(-4e-8)) < 1
+    assert margin(name, reduced(9e-7), reduced(9e-6)) > 1
+    assert margin("corrected/gains/cost", reduced(9e-7), reduced(-4e-8)) > 1
+
+
 def test_counts_may_jump_a_little():
     assert margin("a", reduced(100, kind=int), reduced(101, kind=int)) < 1
     assert margin("a", reduced(100, kind=int), reduced(round(100 * (1 + COUNT_TOLERANCE)) + 3, kind=int)) > 1

@@ -33,7 +33,8 @@ from marsedl.replication.terminal import columns, summarize
 
 RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
 SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
-RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
+# Fields of these names are zero but for rounding: compared as if of size one.
+RESIDUALS = ("_error", "gap", "gap_above_floor", "residual", "complementarity")
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
 TRUTH_ROUNDING = 1e-9  # of the moments of truth values, which have no tolerance
 NOT_TURNED = "not turned"  # of a claim without a counterexample that works
