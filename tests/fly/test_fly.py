@@ -39,7 +39,7 @@ from marsedl.models.dynamics.entry import entry_rates
 from marsedl.papers.random_field import flight as random_field
 
 sys.path.insert(0, __file__.rpartition("/")[0])
-from flown_models import ENDS, PROBE, STEERS, Gains, guide
+from flown_models import ENDS, PROBE, STEERS, Gains, Memory, Push, guide
 
 AIR = Exponential(0.0159, 10.5e3)
 START = {"altitude_km": 125.0, "velocity": 5500.0, "flight_path_angle_deg": -14.0}
@@ -524,6 +524,18 @@ def test_a_law_whose_annotations_are_strings_may_stand_within_a_function(returne
     space = {"bind": lambda law: Campaign(Entry(115.0), START, law, None, 420.0, 1.0, 4, None, 0)}
     exec(LOCAL.format(returned=returned, given="return bind(law)"), space)
     assert space["law_of_a_test"]().flight().parts["memory"]._fields == ("sign",)
+
+
+def test_a_law_that_remembers_asks_by_name_as_one_that_does_not():
+    def told_all(sensed, memory, time) -> tuple[Push, Memory]:
+        return Push(0.1 * sensed.speed - 1e-3 * time), Memory(memory.error + sensed.altitude)
+
+    def by_name(speed, altitude, memory, time) -> tuple[Push, Memory]:
+        return Push(0.1 * speed - 1e-3 * time), Memory(memory.error + altitude)
+
+    drop = {"start": {"altitude": 500.0}, "end_time": 8.0, "trials": 2, "compiled": False}
+    both = [fly(PROBE, law=law, **drop).final["altitude"] for law in (told_all, by_name)]
+    np.testing.assert_array_equal(*both)
 
 
 AROUND = """

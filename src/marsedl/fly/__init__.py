@@ -74,8 +74,8 @@ def fly(
             `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
             as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
-            default, or those of `functools.partial`), and returns the command. With a memory it is annotated
-            `-> tuple[Command, Memory]`, both NamedTuples, as `guide` of the engine. Or a `GainTable`, or a constant.
+            default, or those of `functools.partial`), and returns the command. One that remembers asks for `memory`,
+            too, and is annotated `-> tuple[Command, Memory]`, both NamedTuples. Or a `GainTable`, or a constant.
         senses: `Senses`, errors of what laws are told, in every trial others, and new ones in every guidance period;
             without them laws know the truth under the names that they are told. Results hold what laws knew with errors
             as `nav_<name>`, and the truth under its own name. Noise and walks are those of the same set of quantities

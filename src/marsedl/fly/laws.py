@@ -190,8 +190,12 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
             f"it is told, {', '.join(told._fields)}, or give fly truth=True, and the result says so",
         )
     offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
-    for name in () if remembers else asked:
-        require(name != "memory", f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`")
+    offered += ("memory", "past", "cycle", "half_index", "found", "p") if remembers else ()
+    for name in asked:
+        require(
+            remembers or name != "memory",
+            f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`",
+        )
         require(
             name in offered,
             f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}",
@@ -375,11 +379,12 @@ def completed(flight, law, ends, senses=()):
     parts.setdefault("sense", _made("(state):\n    return state", flight.parts["state"]))
     parts |= navigation(told, senses) if senses else {}
     tells = "nav" if "navigate" in parts else "sensed"
+    own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
     if kind == "guide":
         function, asked = details
-        asks = [tells if name in NAMES_OF_TOLD else name for name in asked]
-        text = f"({', '.join(dict.fromkeys(asks))}):\n    return law_of_user({', '.join(asks)})"
-        as_it_is = asks == [*asked]  # and no other function stands between it and the flight
+        arguments, needed = _asks(asked, own)
+        text = f"({needed}):\n    return law_of_user({arguments})"
+        as_it_is = arguments == ", ".join(asked)  # and no other function stands between it and the flight
         parts["guide"] = (
             function if as_it_is else _made(text, hints(function)["return"], function, law_of_user=function)
         )
@@ -392,9 +397,7 @@ def completed(flight, law, ends, senses=()):
             parts |= _of_table(*details, tells, told, command, returns)
         else:
             function, asked = details
-            own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
-            arguments = ", ".join(own.get(name, name) for name in asked)
-            needed = ", ".join(dict.fromkeys(own.get(name, name).partition(".")[0] for name in asked))
+            arguments, needed = _asks(asked, own)
             text = f"({needed}):\n    return law_of_user({arguments}), ()"
             parts["guide"] = _made(text, returns, function, law_of_user=function)
     if ends and ends != ("own",):
@@ -414,6 +417,12 @@ def completed(flight, law, ends, senses=()):
         known = [name for name, _ in senses] or told._fields
         parts |= {role: _with_navigation(parts[role], known) for role in ("store", "finish")}
     return Flight(**parts)
+
+
+def _asks(asked, own):
+    """Arguments by which a law is called, and those that its caller needs; own: what is part of another argument."""
+    arguments = [own.get(name, name) for name in asked]
+    return ", ".join(arguments), ", ".join(dict.fromkeys(name.partition(".")[0] for name in arguments))
 
 
 def _with_navigation(function, known):
