@@ -1,0 +1,93 @@
+"""Guidance on board: the range control of a table of gains, deadband and heading alignment, from what is navigated.
+
+The functions are those that fly in the stochastic entry guidance, so that a table gives the same commands here and
+there.
+"""
+
+from typing import NamedTuple
+
+from marsedl.elementary import sine_cosine
+from marsedl.fly.dynamics import Bank
+from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
+from marsedl.methods.guidance.targeting import targeting
+from marsedl.papers.stochastic_entry import flight
+
+__all__ = ["Guided", "Memory", "guide", "sensed_of"]
+
+
+class Guided(NamedTuple):
+    """Parameters: constants of the guidance, and the table of gains."""
+
+    settings: flight.Settings
+    table: flight.Law
+
+
+class Memory(NamedTuple):
+    """What is remembered from cycle to cycle; see `flight.Memory`."""
+
+    direction: float = 0.0
+    command: float = 0.0
+    cosine: float = 0.0
+    bank: float = 0.0
+    change: float = 0.0
+    aligning: float = 0.0
+    elapsed: float = 1.0
+    reversals: float = 0.0
+
+
+def sensed_of(nav, settings) -> flight.Sensed:
+    """What laws feed back (Eqs. 31, 40), and where the target is (Appendix D), as it is navigated."""
+    radius = nav.altitude + settings.planet_radius
+    downrange_angle, crossrange_angle = targeting(
+        nav.longitude,
+        nav.latitude,
+        radius,
+        nav.velocity,
+        nav.flight_path_angle,
+        nav.azimuth,
+        settings.rotation_rate,
+        settings.target_longitude,
+        (settings.sin_target_latitude, settings.cos_target_latitude),
+    )
+    nominal_cosine = ramped_bank_cosine(
+        nav.velocity, settings.fast_velocity, settings.slow_velocity, settings.fast_cosine, settings.slow_cosine
+    )
+    return flight.Sensed(
+        radius,
+        nav.velocity,
+        nav.flight_path_angle,
+        -settings.planet_radius * downrange_angle,
+        nav.density,
+        nav.drag,
+        nav.velocity * sine_cosine(nav.flight_path_angle)[0],
+        settings.planet_radius * crossrange_angle,
+        downrange_angle,
+        crossrange_angle,
+        nominal_cosine,
+    )
+
+
+def guide(time, cycle, nav, memory, law: Guided) -> tuple[Bank, Memory]:
+    """Bank angle of a table of gains, of its lateral logic and of the heading alignment."""
+    settings, table = law.settings, law.table
+    direction = memory.direction if cycle > 0 else settings.initial_direction
+    remembered = flight.Memory(
+        direction,
+        memory.command,
+        memory.cosine,
+        memory.bank,
+        memory.change,
+        memory.aligning,
+        memory.elapsed,
+        memory.reversals,
+    )
+    sensed = sensed_of(nav, settings)
+    steers = flight.phase(sensed, remembered, table, settings)
+    if steers == flight.HEADING:
+        _, after = flight.align_heading(cycle, 0.0, sensed, remembered, settings)
+    elif steers == flight.RANGE_BY_TIME:
+        _, after = flight.control_range_by_time(time, cycle, sensed, remembered, table, settings)
+    else:
+        advice = flight.consult(sensed, table, settings)
+        _, after = flight.control_range(time, cycle, sensed, advice, remembered, settings)
+    return Bank(after.bank), Memory(*after)
