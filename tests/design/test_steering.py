@@ -87,6 +87,20 @@ def test_flights_of_the_engine_say_what_was_asked_predicted_and_flown():
     assert list(law.active) == ["limits[0], a function of the command below 0.6", "goal, covariance"]
 
 
+def curved(state, command: Push, noise: Gust) -> Line:
+    return Line(state.velocity + 2.0 * state.velocity * state.velocity, command.push + 0.05 * noise.gust)
+
+
+def test_flights_that_are_not_linear_are_told():
+    free = ([np.nan, np.nan], None)
+    start = ([0.0, 0.0], np.diag([0.1, 1.0]) ** 2)
+    law = steering.solve(curved, (), np.linspace(0.0, 1.0, 3), start=start, goal=free, guess=[0.0], substeps=1)
+    with pytest.warns(
+        UserWarning, match=r"the deviation of position at \S+ s is .* predicted are .*: the vehicle is not"
+    ):
+        law.flown(200, compiled=False)
+
+
 def test_norms_are_bounded_by_a_polytope():
     law = law_of("satellite")
     (limit,) = law.task.limits
