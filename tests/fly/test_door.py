@@ -504,14 +504,14 @@ def test_questions_to_flights_are_looked_at(drops):
 def test_until_says_what_it_takes_and_keeps_what_is_flown(drops):
     with pytest.raises(ValueError, match=r"an interval of p99.9 takes 10,000 flights; at_most is 5,000"):
         drops.until("p99.9 of bias within 5 %", at_most=5000)
-    goal = "p50 of bias within 0.1 %"
-    told = r"not reached after 2 looks: the half-width is .* m: wanted is .* m; of a value of .* m ask for a width in m"
+    goal = "p50 of end_time within 1e-6 %"
+    told = r"not reached after 2 looks: the half-width is .* s: wanted is .* s; of a value of .* s ask for a width in s"
     with pytest.warns(UserWarning, match=told):
         more = drops.until(goal, at_most=2000)
     assert more.trials == 2000 and (more.numbers[:, :1000] == drops.numbers).all()
     assert (more.search.goal, more.search.reached, more.search.looks) == (goal, False, 2)
     assert f"{goal!r} is not reached after 2 looks" in repr(more)
-    assert more.percentiles("bias", 50)["note"].iloc[0] == "`until` looked 2 times"
+    assert more.percentiles("end_time", 50)["note"].iloc[0] == "`until` looked 2 times"
     assert more.extended(2001).search is None, "a number chosen beforehand"
 
 

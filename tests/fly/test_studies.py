@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from marsedl.fly import Below, Normal, compare, fly, load, sweep
+from marsedl.fly.flights import mean_interval
 from marsedl.montecarlo.statistics import paired_percentile_interval, paired_share_interval
 
 sys.path.insert(0, __file__.rpartition("/")[0])
@@ -247,6 +248,21 @@ def test_differences_of_percentiles_and_shares_are_those_of_the_pairs(whole):
     ):
         with pytest.raises(ValueError, match=told):
             whole.against(other, **ask)
+
+
+@pytest.mark.parametrize(
+    ("draw", "mean", "count", "held"),
+    [
+        (lambda random, size: random.lognormal(0.0, 1.0, size), np.exp(0.5), 5, 0.82),
+        (lambda random, size: random.lognormal(0.0, 1.0, size), np.exp(0.5), 30, 0.88),
+        (lambda random, size: random.lognormal(0.0, 1.0, size), np.exp(0.5), 200, 0.93),
+        (lambda random, size: random.standard_t(3.0, size), 0.0, 30, 0.96),
+        (lambda random, size: random.standard_t(2.0, size), 0.0, 200, 0.96),
+    ],
+)
+def test_intervals_of_means_of_heavy_tails_hold_them_as_often_as_is_said(draw, mean, count, held):
+    ends = [mean_interval(row, 0.95)[1] for row in draw(np.random.Generator(np.random.Philox(3)), (3000, count))]
+    assert abs(np.mean([low <= mean <= high for low, high in ends]) - held) < 0.02
 
 
 def test_a_sweep_is_one_table_of_pairs(whole):

@@ -110,7 +110,8 @@ class Search(NamedTuple):
     def __str__(self):
         """In words."""
         found = f"the half-width is {self.half_width:.3g} {self.unit}"
-        return f"{self.goal!r} is {'' if self.reached else 'not '}reached after {self.looks} looks: {found}"
+        looks = f"{self.looks:,} look{'s' * (self.looks > 1)}"
+        return f"{self.goal!r} is {'' if self.reached else 'not '}reached after {looks}: {found}"
 
 
 class OneFlight(NamedTuple):
@@ -433,7 +434,7 @@ class Flights:
                 quantities that both have.
             confidence: of the intervals. Those of mean differences are by Student's t: the differences are to be
                 normal, or many. They hold less often if few differences are skewed: those of a lognormal distribution
-                (of deviation 1 of the logarithm) 83 % of the time with 5 flights, 89 % with 30, 93 % with 200, in
+                (of deviation 1 of the logarithm) 82 % of the time with 5 flights, 88 % with 30, 93 % with 200, in
                 place of 95 %. Tails that are heavy on both sides do no harm. Those of percentiles are between order
                 statistics of the pairs (`statistics.paired_percentile_interval`), those of shares are by scores
                 (`statistics.paired_share_interval`), whatever the distribution.
