@@ -1,5 +1,6 @@
 """What the door of flights refuses, tells and counts: nothing that is given is silently another flight."""
 
+import hashlib
 import warnings
 from dataclasses import replace
 from functools import partial
@@ -417,7 +418,6 @@ def test_results_hold_the_state_and_what_is_sensed_under_names_of_its_own(drops)
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"seed": 2**63}, r"seed is 9223372036854775808; give a whole number from 0 to"),
         ({"seed": -1}, r"seed is -1; give"),
         ({"seed": None}, r"seed is None; give"),
         ({"seed": 1.5}, r"seed is 1.5; give"),
@@ -440,12 +440,18 @@ def test_arguments_are_looked_at_where_they_are_given(options, told):
     assert "\n" not in str(error.value)
 
 
-def test_numbers_of_numpy_are_numbers_and_seeds_may_be_large():
+def test_numbers_of_numpy_are_numbers_and_seeds_may_be_of_any_size():
     start, options = {"altitude": Normal(500.0, 9.0)}, {"trials": 2, "end_time": np.float32(60.0)}
     constants = [
         dropped(start, law=law, seed=2**63 - 1, **options).numbers for law in (1.0, np.float32(1.0), np.int64(1))
     ]
     assert (constants[0] == constants[1]).all() and (constants[0] == constants[2]).all()
+    starts = {seed: dropped(start, seed=seed, **options) for seed in (2**63 - 1, 2**63, np.uint64(2**63), 2**100)}
+    assert len({flights.drawn["start_altitude"][1] for flights in starts.values()}) == 3
+    hashed = int(hashlib.sha256(str(2**100).encode()).hexdigest()[:16], 16)
+    key = int.from_bytes(hashed.to_bytes(8, "big"), "little") // 2
+    assert starts[2**100].campaign.seed == key < 2**63
+    assert (dropped(start, seed=key, **options).numbers == starts[2**100].numbers).all()
 
 
 @pytest.mark.parametrize(
@@ -498,12 +504,23 @@ def test_questions_to_flights_are_looked_at(drops):
 def test_until_says_what_it_takes_and_keeps_what_is_flown(drops):
     with pytest.raises(ValueError, match=r"an interval of p99.9 takes 10,000 flights; at_most is 5,000"):
         drops.until("p99.9 of bias within 5 %", at_most=5000)
-    with pytest.raises(
-        ValueError, match=r"by 2,000 flights: the half-width is .* m, wanted .* m; of a value of .* m ask"
-    ) as error:
-        drops.until("p50 of bias within 0.1 %", at_most=2000)
-    assert error.value.flights.trials == 2000
-    assert (error.value.flights.numbers[:, :1000] == drops.numbers).all()
+    goal = "p50 of end_time within 1e-6 %"
+    told = r"not reached after 2 looks: the half-width is .* s: wanted is .* s; of a value of .* s ask for a width in s"
+    with pytest.warns(UserWarning, match=told):
+        more = drops.until(goal, at_most=2000)
+    assert more.trials == 2000 and (more.numbers[:, :1000] == drops.numbers).all()
+    assert (more.search.goal, more.search.reached, more.search.looks) == (goal, False, 2)
+    assert f"{goal!r} is not reached after 2 looks" in repr(more)
+    assert more.percentiles("end_time", 50)["note"].iloc[0] == "`until` looked 2 times"
+    assert more.extended(2001).search is None, "a number chosen beforehand"
+
+
+def test_until_tells_that_no_percentage_can_be_had_about_zero(drops):
+    centred = drops.with_quantity("off", lambda known: known["bias"] - np.median(drops.final["bias"]), "m")
+    with pytest.warns(UserWarning, match=r"about zero a percentage takes more than 1,000,000 flights: ask for a wid"):
+        told = centred.until("p50 of off within 1 %")
+    assert told.trials == 1000 and not told.search.reached
+    assert centred.until("p50 of off within 1e3 m").search.reached
 
 
 @pytest.mark.parametrize(("count", "confidence"), [(5, 0.95), (2, 0.9), (30, 0.95)])

@@ -286,8 +286,9 @@ def test_until_adds_flights_until_the_interval_is_narrow(flights):
     row = more.percentiles("range_km", 99).iloc[0]
     assert more.trials in (1000, 2000) and row["upper"] - row["lower"] <= 5.0
     assert (more.numbers == flights.numbers[:, : more.trials]).all()
-    with pytest.raises(ValueError, match=r"is not reached by 1,000 flights: "):
-        few.until("p99 of range within 1 m", at_most=1000)
+    assert more.search.reached and more.search.looks == {1000: 2, 2000: 3}[more.trials]
+    with pytest.warns(UserWarning, match=r"is not reached after 2 looks: the half-width is .* m: wanted are 1 m"):
+        assert few.until("p99 of range within 1 m", at_most=1000).trials == 1000
 
 
 def test_arrays_are_labelled(flights):

@@ -3,6 +3,8 @@
 `fly` is the front door of `montecarlo.flights`, the engine. Nothing is compiled before it is called.
 """
 
+from collections.abc import Mapping
+
 from marsedl.fly.campaign import Campaign
 from marsedl.fly.declared import (
     MARS,
@@ -18,8 +20,11 @@ from marsedl.fly.declared import (
 )
 from marsedl.fly.flights import Flights, OneFlight
 from marsedl.fly.laws import GainTable
+from marsedl.fly.saved import load
 from marsedl.fly.senses import Error, Senses, ThroughDrag
+from marsedl.fly.sweeps import compare
 from marsedl.fly.vehicles import Entry, Lander, Model
+from marsedl.words import require
 
 __all__ = [
     "MARS",
@@ -41,7 +46,10 @@ __all__ = [
     "Table",
     "ThroughDrag",
     "Uniform",
+    "compare",
     "fly",
+    "load",
+    "sweep",
 ]
 
 
@@ -92,7 +100,8 @@ def fly(
         end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
         period: of the guidance, s. substeps: integration steps in it.
         history: seconds from one stored state to the next; by default ends alone are stored.
-        trials: how many. seed: of all random numbers, a whole number from 0 to 2**63 - 1.
+        trials: how many. seed: of all random numbers, a whole number that is not negative. One of 2**63 and more is
+            hashed (`montecarlo.streams.key_of`).
         processes: started by spawn; each flies in its share of the threads. A script then needs
             `if __name__ == "__main__":`.
         progress: whether to show what is compiled and how much is flown; by default in a terminal.
@@ -106,6 +115,35 @@ def fly(
         ValueError: with one sentence on what is wrong: a name, a suffix, a number, a law, a trigger, a trial that draws
             a number with which nothing can fly.
         TypeError: for a function that numba cannot compile.
+        KeyboardInterrupt: when it is interrupted, with what may be done. No flight is kept, and no process goes on.
     """
     campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
     return Flights.flown(campaign, trials, processes, progress, compiled)
+
+
+def sweep(cases, flies, start, *, names, percentiles=(1, 50, 99), confidence=0.95, **options):
+    """Fly several cases with common random numbers, and compare them with the first: one table.
+
+    Args:
+        cases: mapping from the name of each case, a word or a number, to the arguments of `fly` by which it differs:
+            {"slow": {"law": partial(guide, law=Gains(0.1))}, "heavy": {"flies": Entry(140.0, 0.24)}}.
+        flies, start, options: arguments of `fly` that all cases share.
+        names, percentiles, confidence: what is compared, as of `compare`.
+
+    Returns:
+        Data frame of `compare`. To keep the flights, fly them, and give them to `compare`.
+
+    Raises:
+        ValueError: as `fly` and `compare`, naming the case; for a case with a seed or a number of trials of its own.
+    """
+    require(isinstance(cases, Mapping) and cases, "cases: give a mapping from names to arguments of fly, at least one")
+    given, flown = {"flies": flies, "start": start} | options, {}
+    for name, case in cases.items():
+        require(isinstance(case, Mapping), f"case {name!r}: give a mapping from arguments of fly to what they are")
+        own = sorted({"seed", "trials"} & {*case})
+        require(not own, f"case {name!r} has {' and '.join(own)} of its own: give them once, as all cases are pairs")
+        try:
+            flown[name] = fly(**given | case)
+        except ValueError as error:
+            raise ValueError(f"case {name!r}: {error}") from error
+    return compare(flown, names, percentiles, confidence)

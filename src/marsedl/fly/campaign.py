@@ -1,12 +1,13 @@
 """Flights as they are declared, checked and bound, and the flying of any of their trials."""
 
 import pickle
+import signal
 import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from traceback import walk_stack
 
@@ -27,9 +28,12 @@ OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at 
 class Campaign:
     """What is flown. Arguments and errors are those of `fly`."""
 
+    recorded = None  # what was drawn, of flights that are read without their law; see `saved`
+
     def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
         """Check all of it, and bind it to the model; nothing is compiled."""
         from marsedl.montecarlo.flights.binding import check_parameters
+        from marsedl.montecarlo.streams import key_of
 
         self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
         require(
@@ -44,14 +48,15 @@ class Campaign:
             f"history is {history!r}; give the seconds from one stored state to the next, or None",
         )
         require(
-            isinstance(seed, int | np.integer) and 0 <= seed < 2**63,
-            f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1",
+            isinstance(seed, int | np.integer) and seed >= 0,
+            f"seed is {seed!r}; give a whole number that is not negative",
         )
         require(
             is_number(substeps) and substeps >= 1 and substeps == int(substeps),
             f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
         )
-        self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
+        self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
+        self.seed = key_of(seed)
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
@@ -261,12 +266,27 @@ class Campaign:
             flown = (self.reduced(chunk, not compiled) for chunk in chunks)
             parts = _told(flown, last - first, progress)
         else:
-            with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-                jobs = [(pickled, chunk, processes) for chunk in chunks]
+            jobs = [(pickled, chunk, processes) for chunk in chunks]
+            with _pool(processes) as pool:
                 parts = _told(pool.map(_fly_chunk, jobs), last - first, progress)
         final, outcome, history = zip(*parts, strict=True)
         whole = None if history[0] is None else np.concatenate(history, axis=-1)
         return np.concatenate(final, axis=-1), np.concatenate(outcome), whole
+
+
+@contextmanager
+def _pool(processes):
+    """A pool of processes, none of which outlives an error or an interruption of what is done with it."""
+    others = {*active_children()}
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
+        yield pool
+    except BaseException:
+        for worker in {*active_children()} - others:
+            worker.terminate()
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 @contextmanager

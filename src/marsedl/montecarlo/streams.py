@@ -5,6 +5,7 @@ order. Streams keep purposes apart: by convention stream 0 is the initial state,
 names further ones. The same (seed, trial) gives independent numbers in different streams.
 """
 
+import hashlib
 import sys
 from functools import cache, wraps
 
@@ -142,6 +143,17 @@ def _uniforms(seed, stream, trials, count):
             # In the middle of each of 2^52 cells: neither end occurs, and both halves mirror each other.
             out[row, number] = (np.float64(np.int64(raw[position] >> np.uint64(12))) + 0.5) * 2.0**-52
     return out
+
+
+def key_of(seed):
+    """The key that stands for a seed of any size: itself below 2**63, else 63 bits of its hash (SHA-256).
+
+    Two seeds beyond have the same key with a probability of 2**-63.
+    """
+    if seed < 2**63:
+        return int(seed)
+    digest = hashlib.sha256(str(int(seed)).encode()).digest()
+    return int.from_bytes(digest[:8], "little") >> 1
 
 
 def normals(seed, stream, trials, count):

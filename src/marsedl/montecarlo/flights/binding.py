@@ -229,6 +229,15 @@ def _reads(function):
                 found += [(f"{path}.{key}", getattr(value, key), further[1:]) for key in members if hasattr(value, key)]
 
 
+def helpers_of(function):
+    """The function and all that it reaches, but for those of numpy and numba, in the order in which they are read."""
+    found = [getattr(function, "py_func", function)]
+    for one in found:
+        read = (getattr(value, "py_func", value) for _, value in _reads(one))
+        found += dict.fromkeys(f for f in read if inspect.isfunction(f) and not is_foreign(f) and f not in found)
+    return found
+
+
 def is_foreign(value):
     """Whether a module, or what a value belongs to, is a package whose functions numba knows and nobody edits."""
     module = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
