@@ -3,6 +3,7 @@
 `fly` is the front door of `montecarlo.flights`, the engine. Nothing is compiled before it is called.
 """
 
+from marsedl.fly.actuators import Actuator
 from marsedl.fly.campaign import Campaign
 from marsedl.fly.declared import (
     MARS,
@@ -24,6 +25,7 @@ from marsedl.fly.vehicles import Entry, Lander, Model
 __all__ = [
     "MARS",
     "Above",
+    "Actuator",
     "Below",
     "Entry",
     "Error",

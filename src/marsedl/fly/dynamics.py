@@ -180,6 +180,7 @@ LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrus
 LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise", "dry_mass"))
 LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
 Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
+Engine = namedtuple("Engine", ("thrust", "tilt"))
 Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
@@ -199,6 +200,21 @@ def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
         1.0 / (vehicle.specific_impulse * STANDARD_GRAVITY),
     )
     return LanderState(*changes)
+
+
+def engine_of(command: Thrust) -> Engine:
+    """Thrust and its tilt, which is zero without thrust."""
+    thrust = np.sqrt(
+        command.thrust_downrange * command.thrust_downrange + command.thrust_vertical * command.thrust_vertical
+    )
+    return Engine(thrust, arctangent(command.thrust_downrange, command.thrust_vertical))
+
+
+def thrust_of(engine: Engine, vehicle) -> Thrust:
+    """Components of the thrust, which is within its limits until it is off."""
+    given = clip(engine.thrust, vehicle.smallest_thrust, vehicle.largest_thrust) if engine.thrust > 0.0 else 0.0
+    sine, cosine = sine_cosine(engine.tilt)
+    return Thrust(given * sine, given * cosine)
 
 
 def lander_watch(watched, command) -> LanderWatched:

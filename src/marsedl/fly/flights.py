@@ -221,9 +221,12 @@ class Flights:
         known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
         if name not in known and base in known:
             return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
-        base = name.removeprefix("start_")
-        if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, at the start"
+        for prefix, said in (("start_", "at the start"), ("commanded_", "as commanded")):
+            base = name.removeprefix(prefix)
+            if name not in known and base in known:
+                return known[base][0], f"{known[base][1]}, {said}"
+        if name not in known and name.startswith("saturated_"):
+            return "", f"guidance periods in which limits kept {name.removeprefix('saturated_')} from what is commanded"
         return known.get(name, ("", name))
 
     def _counted(self):
@@ -475,7 +478,7 @@ class Flights:
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
         if "end_time" in final:  # of an end within a step; the command is held
-            held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
+            held = {name: history[name].iloc[-1] for name in campaign.commands.values() if name in history}
             history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
         drawn = {name: float(one) for name, (one,) in self._drawn(range(trial, trial + 1)).items()}
         return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
@@ -490,7 +493,8 @@ class Flights:
     def to_xarray(self):
         """Data set of what was drawn, final numbers, outcome and, if stored, histories, with units and meanings.
 
-        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
+        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight,
+        whose state is the final number: it lies between the times of the history.
         """
         try:
             import xarray
