@@ -15,12 +15,13 @@ import numpy as np
 
 from marsedl.fly import actuators, laws
 from marsedl.fly.declared import is_number, require_numbers
+from marsedl.fly.phases import STREAMS, PhaseBefore
 from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers of the first phase
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
@@ -53,7 +54,12 @@ class Campaign:
             f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
         )
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
-        self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
+        self.before = start if isinstance(start, PhaseBefore) else None
+        self.phase = self.before.phase if self.before else 0
+        self.start, self.ended_before = (
+            self.before.declared(model) if self.before else (model.declared_start(start), {})
+        )
+        self.vehicle = model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
@@ -169,11 +175,25 @@ class Campaign:
         Raises ValueError for numbers beyond their bounds.
         """
         bounds = self.model.bounds
-        start = self.start.sample(self.seed, START, trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        start = self.start.sample(self.seed, self.stream(START), trials, bounds)
+        vehicle = self.vehicle.sample(self.seed, self.stream(VEHICLE), trials, bounds)
         if self.senses.constants:
-            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials)])
+        if self.before:
+            self.before.require_flown(trials)
+        for place, values in self.ended_before.items():  # others have the mean, and are no flights
+            goes_on = self.before.goes_on[trials[0] : trials[-1] + 1]
+            start[place, goes_on] = values[trials[0] : trials[-1] + 1][goes_on]
         return start, vehicle
+
+    def stream(self, number):
+        """Stream of random numbers: phases have others, so that what they draw is independent."""
+        return number + STREAMS * self.phase
+
+    def dispersed_start(self):
+        """Names of the start whose numbers differ from trial to trial, in order."""
+        dispersed = {*self.start.dispersed(), *(self.start.names[place] for place in self.ended_before)}
+        return [name for name in self.start.names if name in dispersed]
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -192,8 +212,8 @@ class Campaign:
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
-            "streams": (NOISE, AIR),
-            "navigation_stream": NAVIGATION,
+            "streams": (self.stream(NOISE), self.stream(AIR)),
+            "navigation_stream": self.stream(NAVIGATION),
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
@@ -280,7 +300,13 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
         flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
-        return flown.final_state, self.outcomes(flown), history
+        final, outcome = flown.final_state, self.outcomes(flown)
+        if self.before:
+            outcome = self.before.outcomes(trials, outcome)
+            never = ~self.before.goes_on[trials[0] : trials[-1] + 1]
+            for numbers in (final, history) if history is not None else (final,):
+                numbers[..., never] = np.nan
+        return final, outcome, history
 
     def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
