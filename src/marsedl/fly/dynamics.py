@@ -18,7 +18,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 
 _START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
 EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
-EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
+EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift", "energy"))
 EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
 EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude", "max_altitude"), defaults=(0.0, np.inf, -np.inf))
 EntryStored = namedtuple("EntryStored", (*EntrySensed._fields, "bank"))
@@ -75,7 +75,7 @@ def entry_rates(state, found, command: Bank, vehicle, p) -> EntryState:
 
 
 def entry_sense(state, found, vehicle, p) -> EntrySensed:
-    """State, aerodynamic accelerations, and distances along and from the great circle of the nominal start."""
+    """State, aerodynamic accelerations, energy, and distances along and from the great circle of the nominal start."""
     density = exponential(found.log_density) * found.factor
     drag = 0.5 / vehicle.ballistic_coefficient * density * state.velocity * state.velocity
     (sin_latitude, cos_latitude), (sin_longitude, cos_longitude) = (
@@ -97,6 +97,7 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
         density,
         drag,
         vehicle.lift_to_drag * drag,
+        0.5 * state.velocity * state.velocity - p.gravitational_parameter / (p.radius + state.altitude),
     )
 
 
@@ -124,6 +125,7 @@ def entry_store(sensed, command: Bank) -> EntryStored:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         command.bank,
     )
 
@@ -144,6 +146,7 @@ def entry_finish(time, sensed, watched) -> EntryFinal:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         whole.max_load,
         whole.min_altitude,
         whole.max_altitude,

@@ -44,6 +44,7 @@ ENTRY_QUANTITIES = {
     "density": ("kg/m^3", "density of the air"),
     "drag": ("m/s^2", "drag acceleration"),
     "lift": ("m/s^2", "lift acceleration"),
+    "energy": ("m^2/s^2", "specific mechanical energy V^2 / 2 - mu / r of the planet-relative velocity"),
     "bank": ("rad", "bank angle; positive turns the heading clockwise"),
     "max_load": ("m/s^2", "largest aerodynamic acceleration at the start of a step or the end"),
     "min_altitude": ("m", "lowest altitude at the start of a step or the end"),
@@ -172,7 +173,8 @@ class Entry:
 
     Start: altitude (m), velocity (m/s, planet-relative), flight_path_angle (rad), and azimuth, latitude, longitude
     (rad; by default eastwards along the equator). Laws are told these, and range, crossrange (m), density (kg/m^3),
-    drag and lift (m/s^2).
+    drag and lift (m/s^2), and the specific mechanical energy V^2 / 2 - mu / r (m^2/s^2) of the planet-relative
+    velocity, as `energy`.
 
     Args:
         ballistic_coefficient: m / (C_D A), kg/m^2. lift_to_drag: 1. Both may be dispersed.
