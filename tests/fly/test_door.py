@@ -549,3 +549,21 @@ def test_three_errors_of_a_percentile_hold_it_at_the_edge_of_its_tail(count, lev
     assert beyond < 0.0027 + 3 * np.sqrt(0.0027 / 4000)
     for few in (199, 200):  # an error, or an interval: both or neither
         assert np.isnan(percentile(samples[0, :few], 0.95)[1]) == np.isnan(order_interval(samples[0, :few], 0.95)[0])
+
+
+def test_flights_end_by_their_energy_which_laws_are_told():
+    def energy(numbers):
+        return numbers["velocity"] ** 2 / 2.0 - MARS.gravitational_parameter / (MARS.radius + numbers["altitude"])
+
+    options = {"end_time": 300.0, "trials": 1, "compiled": False, "substeps": 2}
+    still, start = MARS._replace(rotation_rate=0.0), START | {"altitude_km": 60.0}
+    conserved = fly(Entry(115.0, planet=still, air=None), start, law=0.0, **options | {"end_time": 20.0}).final
+    begun = {"velocity": 5500.0, "altitude": 60e3}
+    np.testing.assert_allclose(conserved["energy"], energy(begun), rtol=1e-9)
+    braked = fly(Entry(115.0), start, law=lambda energy: 1.0 if energy > 1e6 else -1.0, history=1.0,
+                 trigger=Below("energy", -1e6), **options)  # fmt: skip
+    assert braked.outcomes() == {"ended: energy below -1e+06": 1}
+    np.testing.assert_allclose(energy(braked.final), -1e6, atol=1e-3)
+    history = braked.to_xarray().isel(trial=0).dropna("time")
+    assert (history["bank_history"] == np.where(history["energy_history"] > 1e6, 1.0, -1.0)).all()
+    assert history["energy_history"].attrs["units"] == "m^2/s^2" and (history["bank_history"] < 0.0).any()

@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping
 
+from marsedl.fly.actuators import Actuator
 from marsedl.fly.campaign import Campaign
 from marsedl.fly.declared import (
     MARS,
@@ -29,6 +30,7 @@ from marsedl.words import require
 __all__ = [
     "MARS",
     "Above",
+    "Actuator",
     "Below",
     "Entry",
     "Error",
@@ -65,7 +67,7 @@ def fly(
     period=1.0,
     substeps=4,
     history=None,
-    trials=1000,
+    trials=None,
     seed=0,
     processes=1,
     progress=None,
@@ -79,7 +81,8 @@ def fly(
     Args:
         flies: `Entry`, `Lander`, `Model`, or a `montecarlo.flights.Flight`.
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
-            `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
+            `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`. Or the
+            ends of another phase, `Flights.as_start`.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
             as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
             default, or those of `functools.partial`), and returns the command. One that remembers asks for `memory`,
@@ -100,8 +103,9 @@ def fly(
         end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
         period: of the guidance, s. substeps: integration steps in it.
         history: seconds from one stored state to the next; by default ends alone are stored.
-        trials: how many. seed: of all random numbers, a whole number that is not negative. One of 2**63 and more is
-            hashed (`montecarlo.streams.key_of`).
+        trials: how many; by default 1000, or as many as the phase before has.
+        seed: of all random numbers, a whole number that is not negative. One of 2**63 and more is hashed
+            (`montecarlo.streams.key_of`).
         processes: started by spawn; each flies in its share of the threads. A script then needs
             `if __name__ == "__main__":`.
         progress: whether to show what is compiled and how much is flown; by default in a terminal.
@@ -118,6 +122,8 @@ def fly(
         KeyboardInterrupt: when it is interrupted, with what may be done. No flight is kept, and no process goes on.
     """
     campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+    if trials is None:
+        trials = campaign.before.outcome.size if campaign.before else 1000
     return Flights.flown(campaign, trials, processes, progress, compiled)
 
 

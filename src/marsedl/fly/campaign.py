@@ -7,20 +7,22 @@ import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from copy import copy
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from traceback import walk_stack
 
 import numpy as np
 
-from marsedl.fly import laws
+from marsedl.fly import actuators, laws
 from marsedl.fly.declared import is_number, require_numbers
+from marsedl.fly.phases import STREAMS, PhaseBefore
 from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers of the first phase
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
@@ -57,11 +59,17 @@ class Campaign:
         )
         self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
         self.seed = key_of(seed)
-        self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
+        self.before = start if isinstance(start, PhaseBefore) else None
+        self.phase = self.before.phase if self.before else 0
+        self.start, self.ended_before = (
+            self.before.declared(model) if self.before else (model.declared_start(start), {})
+        )
+        self.vehicle = model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
         self.senses = self._bound(senses)
+        self.actuators = self._bound_actuators()
         self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
@@ -71,6 +79,8 @@ class Campaign:
             self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
         if self.senses.kinds:
             self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
+        if self.actuators.kinds:
+            self.p = laws.extended(type(self.p), "actuators")(*self.p, self.actuators.numbers)
         self.schedule(history)
         self.reached = self._reached()
         met = None
@@ -106,6 +116,26 @@ class Campaign:
         told = laws.told_by(flight)._fields
         return senses.bound(told, self.model.units(told), self.period)
 
+    def _bound_actuators(self):
+        """Actuators of the vehicle, checked, as a flight takes them."""
+        model = self.model
+        if not model.actuators:
+            return actuators.Bound()
+        require(
+            not model.flight.guides,
+            "actuators: the model has guidance of its own; let its rates follow the command, or bind it without guide",
+        )
+        vehicle, pace = self.vehicle.names, (self.period, int(self.substeps), self.end_time)
+        command = laws.command_of(model.flight)
+        return actuators.bound(model.actuators, model.coordinates, command, vehicle, model.units, pace)
+
+    @property
+    def commands(self):
+        """Names under which histories hold what the law commands, by what it commands."""
+        if self.actuators.kinds:
+            return {name: f"commanded_{name}" for name in laws.command_of(self.model.flight)._fields}
+        return {name: name for name in self.flight().parts["command"]._fields}
+
     def _truth_told(self):
         """What the law is told of the truth, by name."""
         return tuple(name for name in laws.TRUTH if len(self.law.kind) == 3 and name in self.law.kind[2])
@@ -126,8 +156,9 @@ class Campaign:
         return digest(*self.flight().reached(), self.p, self.law.parameters)
 
     def flight(self):
-        """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.ends.kind, self.senses.kinds)
+        """The `Flight` with law, trigger, senses and actuators."""
+        kinds = (self.law.kind, self.ends.kind, self.senses.kinds, self.actuators.kind)
+        return laws.completed(self.model.flight, *kinds)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -149,11 +180,25 @@ class Campaign:
         Raises ValueError for numbers beyond their bounds.
         """
         bounds = self.model.bounds
-        start = self.start.sample(self.seed, START, trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        start = self.start.sample(self.seed, self.stream(START), trials, bounds)
+        vehicle = self.vehicle.sample(self.seed, self.stream(VEHICLE), trials, bounds)
         if self.senses.constants:
-            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials)])
+        if self.before:
+            self.before.require_flown(trials)
+        for place, values in self.ended_before.items():  # others have the mean, and are no flights
+            goes_on = self.before.goes_on[trials[0] : trials[-1] + 1]
+            start[place, goes_on] = values[trials[0] : trials[-1] + 1][goes_on]
         return start, vehicle
+
+    def stream(self, number):
+        """Stream of random numbers: phases have others, so that what they draw is independent."""
+        return number + STREAMS * self.phase
+
+    def dispersed_start(self):
+        """Names of the start whose numbers differ from trial to trial, in order."""
+        dispersed = {*self.start.dispersed(), *(self.start.names[place] for place in self.ended_before)}
+        return [name for name in self.start.names if name in dispersed]
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -172,8 +217,8 @@ class Campaign:
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
-            "streams": (NOISE, AIR),
-            "navigation_stream": NAVIGATION,
+            "streams": (self.stream(NOISE), self.stream(AIR)),
+            "navigation_stream": self.stream(NAVIGATION),
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
@@ -185,16 +230,16 @@ class Campaign:
         degrees. Warns of commands that are not finite. Says if the flight has to be compiled.
         """
         self.flight().renew()
-        parts = self.flight().parts
-        stored, names = parts["stored"]._fields, parts["command"]._fields
-        if not names or not {*names} <= {*stored}:
+        names, shown = [*self.commands], self.flight().parts["stored"]._fields
+        if not names or not {*self.commands.values()} <= {*shown}:
             return
-        rows = [stored.index(name) for name in names]
 
-        def commanded(in_python, whole):
+        def commanded(campaign, in_python, whole):
             """One row of commands a period."""
             with np.errstate(all="ignore"):
-                flown = self.fly(range(trial, trial + 1), self.period, in_python, whole)
+                flown = campaign.fly(range(trial, trial + 1), campaign.period, in_python, whole)
+            stored = campaign.flight().parts["stored"]._fields
+            rows = [stored.index(name) for name in campaign.commands.values()]
             return flown.history[: flown.length[0], rows, 0]
 
         def said_of(numbers, period=0):
@@ -204,7 +249,7 @@ class Campaign:
             laws.check_angles(sentence, names, numbers, self.model.units)
             return sentence
 
-        python = commanded(in_python=True, whole=False)[0]
+        python = commanded(self._without_actuators(), in_python=True, whole=False)[0]
         said = said_of(python)
         if not np.isfinite(python).all():
             warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
@@ -213,7 +258,7 @@ class Campaign:
         with _told_of_compiling(progress):
             units = self.model.units(names).values()
             waits = any(unit == "rad" and angle == 0.0 for unit, angle in zip(units, python, strict=True))
-            compiled = commanded(in_python=False, whole=waits)
+            compiled = commanded(self, in_python=False, whole=waits)
         require(
             np.allclose(compiled[0], python, rtol=1e-3, atol=1e-9, equal_nan=True),
             f"{said} in Python, compiled {', '.join(map('{:g}'.format, compiled[0]))}: compiled integers have 64 "
@@ -223,6 +268,15 @@ class Campaign:
             periods = np.flatnonzero(compiled[:, number])
             if periods.size:
                 said_of(compiled[periods[0]], periods[0])
+
+    def _without_actuators(self):
+        """The same flights without actuators, if they store the command: there what a law returns is looked at."""
+        plain = copy(self)
+        plain.actuators = actuators.Bound()
+        if not self.actuators.kinds or not {*plain.commands} <= {*plain.flight().parts["stored"]._fields}:
+            return self
+        plain.reached = plain._reached()
+        return plain
 
     def outcomes(self, flown):
         """Outcome of every trial that was flown, by name."""
@@ -251,7 +305,13 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
         flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
-        return flown.final_state, self.outcomes(flown), history
+        final, outcome = flown.final_state, self.outcomes(flown)
+        if self.before:
+            outcome = self.before.outcomes(trials, outcome)
+            never = ~self.before.goes_on[trials[0] : trials[-1] + 1]
+            for numbers in (final, history) if history is not None else (final,):
+                numbers[..., never] = np.nan
+        return final, outcome, history
 
     def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""

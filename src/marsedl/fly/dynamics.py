@@ -18,7 +18,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 
 _START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
 EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
-EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
+EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift", "energy"))
 EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
 EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude", "max_altitude"), defaults=(0.0, np.inf, -np.inf))
 EntryStored = namedtuple("EntryStored", (*EntrySensed._fields, "bank"))
@@ -75,7 +75,7 @@ def entry_rates(state, found, command: Bank, vehicle, p) -> EntryState:
 
 
 def entry_sense(state, found, vehicle, p) -> EntrySensed:
-    """State, aerodynamic accelerations, and distances along and from the great circle of the nominal start."""
+    """State, aerodynamic accelerations, energy, and distances along and from the great circle of the nominal start."""
     density = exponential(found.log_density) * found.factor
     drag = 0.5 / vehicle.ballistic_coefficient * density * state.velocity * state.velocity
     (sin_latitude, cos_latitude), (sin_longitude, cos_longitude) = (
@@ -97,6 +97,7 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
         density,
         drag,
         vehicle.lift_to_drag * drag,
+        0.5 * state.velocity * state.velocity - p.gravitational_parameter / (p.radius + state.altitude),
     )
 
 
@@ -124,6 +125,7 @@ def entry_store(sensed, command: Bank) -> EntryStored:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         command.bank,
     )
 
@@ -144,6 +146,7 @@ def entry_finish(time, sensed, watched) -> EntryFinal:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         whole.max_load,
         whole.min_altitude,
         whole.max_altitude,
@@ -180,6 +183,7 @@ LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrus
 LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise", "dry_mass"))
 LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
 Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
+Engine = namedtuple("Engine", ("thrust", "tilt"))
 Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
@@ -199,6 +203,21 @@ def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
         1.0 / (vehicle.specific_impulse * STANDARD_GRAVITY),
     )
     return LanderState(*changes)
+
+
+def engine_of(command: Thrust) -> Engine:
+    """Thrust and its tilt, which is zero without thrust."""
+    thrust = np.sqrt(
+        command.thrust_downrange * command.thrust_downrange + command.thrust_vertical * command.thrust_vertical
+    )
+    return Engine(thrust, arctangent(command.thrust_downrange, command.thrust_vertical))
+
+
+def thrust_of(engine: Engine, vehicle) -> Thrust:
+    """Components of the thrust, which is within its limits until it is off."""
+    given = clip(engine.thrust, vehicle.smallest_thrust, vehicle.largest_thrust) if engine.thrust > 0.0 else 0.0
+    sine, cosine = sine_cosine(engine.tilt)
+    return Thrust(given * sine, given * cosine)
 
 
 def lander_watch(watched, command) -> LanderWatched:

@@ -12,6 +12,7 @@ import numpy as np
 
 from marsedl.fly.campaign import AT_ONCE, NOT_FINITE, Campaign
 from marsedl.fly.declared import is_number, resolve
+from marsedl.fly.phases import PhaseBefore, phase_before
 from marsedl.fly.vehicles import END_TIME
 from marsedl.montecarlo.statistics import TAIL, order_interval, paired_percentile_interval, paired_share_interval
 from marsedl.words import missing, require
@@ -212,10 +213,12 @@ class Flights:
         """What some trials drew, by name."""
         campaign, senses = self.campaign, self.campaign.senses
         start, vehicle = campaign.drawn(trials)
+        if campaign.before:
+            start[:, ~campaign.before.goes_on[trials[0] : trials[-1] + 1]] = np.nan
         dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
         of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
         return {
-            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.start.dispersed()},
+            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.dispersed_start()},
             **{name: values for name, values in of_vehicle if name in dispersed},
         }
 
@@ -295,9 +298,12 @@ class Flights:
         known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
         if name not in known and base in known:
             return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
-        base = name.removeprefix("start_")
-        if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, at the start"
+        for prefix, said in (("start_", "at the start"), ("commanded_", "as commanded")):
+            base = name.removeprefix(prefix)
+            if name not in known and base in known:
+                return known[base][0], f"{known[base][1]}, {said}"
+        if name not in known and name.startswith("saturated_"):
+            return "", f"guidance periods in which limits kept {name.removeprefix('saturated_')} from what is commanded"
         return known.get(name, ("", name))
 
     def _counted(self):
@@ -499,6 +505,22 @@ class Flights:
         order = np.argsort(np.where(counted, -distances[side](), np.inf), kind="stable")
         return self.to_pandas().iloc[order[: min(count, int(counted.sum()))]]
 
+    def as_start(self, start: Mapping | Callable) -> PhaseBefore:
+        """The start of a next phase, fly(Lander(...), these.as_start(...)): trial i goes on where it ended here.
+
+        Trials that did not end as they should here have the outcome "before: ..." there, no numbers, and count in no
+        statistics. The phase has streams of random numbers of its own, whatever its seed; its time starts from 0.
+
+        Args:
+            start: mapping from the names of the next start to names of numbers here, both with their suffixes, or to
+                a number, `Normal` or `Uniform`: {"altitude": "altitude", "downrange_km": "range_km", "mass": 900.0}.
+                Or a function of a mapping from all names here to (trials,), which returns such a mapping to (trials,).
+
+        Raises:
+            ValueError: for an unknown quantity, or numbers that are not one for each trial.
+        """
+        return phase_before(self, start)
+
     def left_out(self):
         """Data frame of the flights that statistics leave out, with how they ended and what they drew."""
         return self.to_pandas().loc[~self._counted()[0]]
@@ -583,6 +605,10 @@ class Flights:
             f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}",
         )
         campaign, trial = self.campaign, int(trial)
+        require(
+            campaign.before is None or campaign.before.goes_on[trial],
+            f"trial {trial} has no such flight; {self.outcome[trial]}",
+        )
         step = campaign.period / campaign.substeps
         flown = campaign.fly(range(trial, trial + 1), step, in_python or not self.how[-1])
         length, parts = int(flown.length[0]), campaign.flight().parts
@@ -590,7 +616,7 @@ class Flights:
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
         if "end_time" in final:  # of an end within a step; the command is held
-            held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
+            held = {name: history[name].iloc[-1] for name in campaign.commands.values() if name in history}
             history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
         drawn = {name: float(one) for name, (one,) in self._drawn(range(trial, trial + 1)).items()}
         return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
@@ -620,7 +646,8 @@ class Flights:
     def to_xarray(self):
         """Data set of what was drawn, final numbers, outcome and, if stored, histories, with units and meanings.
 
-        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
+        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight,
+        whose state is the final number: it lies between the times of the history.
         """
         try:
             import xarray

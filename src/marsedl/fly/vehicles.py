@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from marsedl.fly.actuators import Actuator, Coordinates
 from marsedl.fly.declared import (
     MARS,
     NOT_NEGATIVE,
@@ -43,6 +44,7 @@ ENTRY_QUANTITIES = {
     "density": ("kg/m^3", "density of the air"),
     "drag": ("m/s^2", "drag acceleration"),
     "lift": ("m/s^2", "lift acceleration"),
+    "energy": ("m^2/s^2", "specific mechanical energy V^2 / 2 - mu / r of the planet-relative velocity"),
     "bank": ("rad", "bank angle; positive turns the heading clockwise"),
     "max_load": ("m/s^2", "largest aerodynamic acceleration at the start of a step or the end"),
     "min_altitude": ("m", "lowest altitude at the start of a step or the end"),
@@ -64,6 +66,12 @@ LANDER_QUANTITIES = {
     "smallest_thrust": ("N", "smallest thrust"),
     "largest_thrust": ("N", "largest thrust"),
     "thrust_scale": ("1", "true over commanded thrust"),
+}
+ENGINE_QUANTITIES = {  # with actuators
+    "thrust": ("N", "thrust"),
+    "tilt": ("rad", "angle of the thrust from the vertical, positive downrange"),
+    "thrust_downrange": ("N", "thrust, downrange"),
+    "thrust_vertical": ("N", "thrust, upwards"),
 }
 ENTRY_BOUNDS = {
     **dict.fromkeys(("ballistic_coefficient", "velocity"), POSITIVE),
@@ -97,6 +105,12 @@ class Model:
         failed: function (p, final values by name) -> mapping from outcomes to the flights that have them, (trials,);
             these do not count in statistics.
         ends: mapping from outcomes to triggers, which end flights beside the trigger of `fly`.
+        actuators: mapping from what is commanded to `Actuator`, how it is followed. All functions are then told what is
+            flown as `command`, but `watch` what is commanded, also where it arrives within a period. Histories hold
+            both, the latter as `commanded_<name>`; final numbers hold what is flown, and as `saturated_<name>` in how
+            many guidance periods its limits kept it from what is commanded: it was cut, or could not be reached within
+            a period of its arrival.
+        coordinates: `actuators.Coordinates` that actuators move in place of the numbers of the command.
 
     `final` and histories hold the state, which is the truth, under its names. What `navigate` returns, or without it
     `sense`, is what laws are told; results hold `nav_<name>`, and what is sensed under the name of a state as
@@ -113,6 +127,8 @@ class Model:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failed: Callable = None
     ends: Mapping[str, Any] = field(default_factory=dict)
+    actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    coordinates: Coordinates | None = None
 
     def model(self) -> "Model":
         """The model itself."""
@@ -157,7 +173,8 @@ class Entry:
 
     Start: altitude (m), velocity (m/s, planet-relative), flight_path_angle (rad), and azimuth, latitude, longitude
     (rad; by default eastwards along the equator). Laws are told these, and range, crossrange (m), density (kg/m^3),
-    drag and lift (m/s^2).
+    drag and lift (m/s^2), and the specific mechanical energy V^2 / 2 - mu / r (m^2/s^2) of the planet-relative
+    velocity, as `energy`.
 
     Args:
         ballistic_coefficient: m / (C_D A), kg/m^2. lift_to_drag: 1. Both may be dispersed.
@@ -167,6 +184,12 @@ class Entry:
         nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, cubics of its logarithm
             between them; by default they hold all rows of a table and the start. Flights beyond them are told.
         ground: altitude, m, at which flights end that reach it. None: there is no ground.
+        bank_rate, bank_acceleration: with which the bank angle goes at most to what is commanded, rad/s and rad/s^2;
+            with `_deg` in degrees. Going there it passes zero, not half a turn.
+        initial_bank: rad, or with `_deg`; by default the first command.
+        lag: time constant of the bank behind these limits, s. delay: of commands, s, a whole number of integration
+            steps. See `Actuator`; with any of these, results hold the bank angle that is flown, `commanded_bank`, and
+            as `saturated_bank` the guidance periods in which the limits kept it from what was commanded.
     """
 
     ballistic_coefficient: Number
@@ -176,6 +199,14 @@ class Entry:
     variation: Markov | None = None
     nodes: tuple[float, float, float] | None = None
     ground: float | None = 0.0
+    bank_rate: float | None = None
+    bank_acceleration: float | None = None
+    initial_bank: float | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    bank_rate_deg: float | None = None
+    bank_acceleration_deg: float | None = None
+    initial_bank_deg: float | None = None
 
     def model(self) -> Model:
         """The model that flies."""
@@ -197,7 +228,13 @@ class Entry:
             warn=self._told,
             bounds=ENTRY_BOUNDS,
             ends=_on_the_ground(self.ground),
+            actuators=_acting(bank=self._bank()),
         )
+
+    def _bank(self):
+        """Actuator of the bank angle."""
+        rate, acceleration, start = (_angle(self, name) for name in ("bank_rate", "bank_acceleration", "initial_bank"))
+        return Actuator(rate=rate, acceleration=acceleration, start=start, lag=self.lag, delay=self.delay)
 
     def _mean_air(self, start=0.0):
         """Lowest node, spacing and cells of the mean density; start: altitude, m."""
@@ -262,6 +299,14 @@ class Lander:
         thrust_noise: white noise of both components of the force, N s^(1/2).
         gravity: m/s^2. dry_mass: that of the vehicle without propellant, kg.
         ground: altitude, m, at which flights end that reach it. None: there is no ground.
+        throttle_rate: with which the thrust goes at most to what is commanded, N/s.
+        largest_tilt: of the thrust from the vertical, to both sides. tilt_rate: with which it turns at most. Both rad
+            and rad/s, or with `_deg` in degrees.
+        lag: time constant of thrust and tilt behind these limits, s. delay: of commands, s, a whole number of
+            integration steps. See `Actuator`; with any of these, results hold the thrust that is flown within its
+            limits, `commanded_thrust_downrange`, `commanded_thrust_vertical`, and as `saturated_thrust` and
+            `saturated_tilt` the guidance periods in which the limits kept them from what was commanded. A command of
+            zero aims upwards; until the thrust has come down to zero, it is at least the smallest one.
     """
 
     largest_thrust: Number
@@ -272,6 +317,13 @@ class Lander:
     gravity: float = 3.71
     dry_mass: float = 0.0
     ground: float | None = 0.0
+    throttle_rate: float | None = None
+    largest_tilt: float | None = None
+    tilt_rate: float | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    largest_tilt_deg: float | None = None
+    tilt_rate_deg: float | None = None
 
     def model(self) -> Model:
         """The model that flies."""
@@ -284,12 +336,44 @@ class Lander:
             dynamics.LANDER,
             p=dynamics.LanderParameters(*map(float, p)),
             vehicle=dynamics.LanderVehicle(*vehicle),
-            quantities=LANDER_QUANTITIES,
             warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
             ends=_on_the_ground(self.ground),
             failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
+            **{"quantities": LANDER_QUANTITIES, **self._engine()},
         )
+
+    def _engine(self):
+        """Actuators of thrust and tilt, and what else a model with them has."""
+        from marsedl.fly import dynamics
+
+        tilt, rate = _angle(self, "largest_tilt"), _angle(self, "tilt_rate")
+        require(
+            tilt is None or (is_number(tilt) and tilt > 0.0), f"largest_tilt is {tilt!r} rad; give a positive number"
+        )
+        both = {"lag": self.lag, "delay": self.delay}
+        tilting = Actuator(rate, low=None if tilt is None else -tilt, high=tilt, **both)
+        if not _acting(thrust=Actuator(self.throttle_rate, **both), tilt=tilting):
+            return {}
+        limits = {"low": "smallest_thrust", "high": "largest_thrust", "off": True}
+        return {
+            "actuators": {"thrust": Actuator(self.throttle_rate, **both, **limits), "tilt": tilting},
+            "coordinates": Coordinates(dynamics.Engine, dynamics.engine_of, dynamics.thrust_of),
+            "quantities": LANDER_QUANTITIES | ENGINE_QUANTITIES,
+        }
+
+
+def _angle(vehicle, name):
+    """An angle of a vehicle, or its rate, in radians; it may be given in degrees."""
+    radians, degrees = getattr(vehicle, name), getattr(vehicle, f"{name}_deg")
+    require(radians is None or degrees is None, f"{name} and {name}_deg are the same number: give one of them")
+    require(degrees is None or is_number(degrees), f"{name}_deg is {degrees!r}; give a finite number, or None")
+    return radians if degrees is None else float(np.deg2rad(degrees))
+
+
+def _acting(**actuators):
+    """Actuators of a vehicle: none if all follow at once."""
+    return actuators if any(actuator != Actuator() for actuator in actuators.values()) else {}
 
 
 def _vacuum(altitude):
