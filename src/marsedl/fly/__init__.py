@@ -19,6 +19,7 @@ from marsedl.fly.declared import (
 from marsedl.fly.flights import Flights, OneFlight
 from marsedl.fly.laws import GainTable
 from marsedl.fly.senses import Error, Senses, ThroughDrag
+from marsedl.fly.together import Samples
 from marsedl.fly.vehicles import Entry, Lander, Model
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Normal",
     "OneFlight",
     "Planet",
+    "Samples",
     "Senses",
     "Table",
     "ThroughDrag",
@@ -49,6 +51,7 @@ def fly(
     flies,
     start,
     *,
+    together=None,
     law=None,
     senses=None,
     truth=False,
@@ -72,6 +75,11 @@ def fly(
         flies: `Entry`, `Lander`, `Model`, or a `montecarlo.flights.Flight`.
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
             `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`.
+        together: what start and vehicle draw together, by the names of `flights.drawn` or of the start: a mapping from
+            tuples of names, each dispersed by `Normal` or `Uniform`, to correlations,
+            {("velocity", "ballistic_coefficient"): 0.6}, of more names a matrix. The correlations are those of the
+            standard normals that the numbers are made of, so that each keeps its own distribution; all else keeps its
+            numbers. Or `Samples`, whose columns take the place of numbers of start and vehicle.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
             as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
             default, or those of `functools.partial`), and returns the command. With a memory it is annotated
@@ -107,5 +115,5 @@ def fly(
             a number with which nothing can fly.
         TypeError: for a function that numba cannot compile.
     """
-    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
     return Flights.flown(campaign, trials, processes, progress, compiled)

@@ -15,6 +15,7 @@ import numpy as np
 from marsedl.fly import laws
 from marsedl.fly.declared import is_number, require_numbers
 from marsedl.fly.senses import Bound, Senses
+from marsedl.fly.together import bound
 from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
@@ -27,11 +28,25 @@ OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at 
 class Campaign:
     """What is flown. Arguments and errors are those of `fly`."""
 
-    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
+    def __init__(
+        self,
+        flies,
+        start,
+        law,
+        trigger,
+        end_time,
+        period,
+        substeps,
+        history,
+        seed,
+        senses=None,
+        truth=False,
+        together=None,
+    ):
         """Check all of it, and bind it to the model; nothing is compiled."""
         from marsedl.montecarlo.flights.binding import check_parameters
 
-        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
@@ -52,7 +67,8 @@ class Campaign:
             f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
         )
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
-        self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
+        self.together = bound(together, model, start)
+        self.start, self.vehicle = self.together.start, self.together.vehicle
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
@@ -143,9 +159,7 @@ class Campaign:
 
         Raises ValueError for numbers beyond their bounds.
         """
-        bounds = self.model.bounds
-        start = self.start.sample(self.seed, START, trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        start, vehicle = self.together.sample(self.seed, (START, VEHICLE), trials, self.model.bounds)
         if self.senses.constants:
             vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
         return start, vehicle

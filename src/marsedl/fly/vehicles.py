@@ -131,10 +131,10 @@ class Model:
         state = self.flight.parts["state"]
         return declare(start, self.units(state._fields), state._field_defaults, "start", self.bounds)
 
-    def declared_vehicle(self) -> Declared:
-        """Vehicle, checked."""
+    def declared_vehicle(self, given=None) -> Declared:
+        """Vehicle, or what is given of it by name, checked."""
         names = getattr(self.vehicle, "_fields", ())
-        given = dict(zip(names, self.vehicle, strict=True))
+        given = dict(zip(names, self.vehicle, strict=True)) if given is None else given
         return declare(given, self.units(names), {}, "vehicle", self.bounds)
 
 
