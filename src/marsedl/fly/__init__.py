@@ -18,6 +18,7 @@ from marsedl.fly.declared import (
 )
 from marsedl.fly.flights import Flights, OneFlight
 from marsedl.fly.laws import GainTable
+from marsedl.fly.own_air import Profiles, Wind
 from marsedl.fly.senses import Error, Senses, ThroughDrag
 from marsedl.fly.together import Samples
 from marsedl.fly.vehicles import Entry, Lander, Model
@@ -38,11 +39,13 @@ __all__ = [
     "Normal",
     "OneFlight",
     "Planet",
+    "Profiles",
     "Samples",
     "Senses",
     "Table",
     "ThroughDrag",
     "Uniform",
+    "Wind",
     "fly",
 ]
 

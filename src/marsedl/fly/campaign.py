@@ -20,8 +20,9 @@ from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers; `own_air` has more
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
+CHUNK_OF_OWN_AIR = 4_096  # as columns of air are made for a whole chunk
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
 
@@ -69,6 +70,7 @@ class Campaign:
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
         self.together = bound(together, model, start)
         self.start, self.vehicle = self.together.start, self.together.vehicle
+        require(isinstance(truth, bool), f"truth is {truth!r}; give True or False")
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
@@ -76,7 +78,7 @@ class Campaign:
         self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
-            require_numbers(parts if isinstance(parts, tuple) else (), what)
+            require_numbers(parts, what)
             check_parameters(parts, what)
         if self.ends.data:
             self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
@@ -134,7 +136,8 @@ class Campaign:
     def _reached(self):
         from marsedl.montecarlo.flights.binding import digest
 
-        return digest(*self.flight().reached(), self.p, self.law.parameters)
+        own = self.model.air(self.seed, range(1)) if self.model.air else ()
+        return digest(*self.flight().reached(), self.p, self.law.parameters, own)
 
     def flight(self):
         """The `Flight` with law and trigger."""
@@ -178,6 +181,8 @@ class Campaign:
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
         options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
+        if self.model.air:
+            options["air"] = self.model.air(self.seed, trials)
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
@@ -266,7 +271,8 @@ class Campaign:
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
         require(compiled or processes == 1, "flights in Python (compiled=False) take no processes: leave one out")
         pickled = _for_processes(self) if processes > 1 else None
-        size = min(CHUNK, -(-(last - first) // processes)) if compiled else 1
+        largest = CHUNK_OF_OWN_AIR if self.model.air else CHUNK
+        size = min(largest, -(-(last - first) // processes)) if compiled else 1
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
         for chunk in chunks:
             self.drawn(chunk)  # refuses what cannot fly before anything flies

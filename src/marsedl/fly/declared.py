@@ -190,14 +190,24 @@ def is_number(value) -> bool:
 
 
 def require_numbers(parts, what):
-    """Refuse dispersions and words among the members of a tuple, at any depth. Raises ValueError."""
+    """Refuse dispersions, and words among the members of a tuple, at any depth. Raises ValueError."""
+    require(
+        not isinstance(parts, Normal | Uniform | MultivariateNormal),
+        f"{what} is {parts!r}: give a number; start and the vehicle's numbers take dispersions",
+    )
+    if not isinstance(parts, tuple):
+        return
     for name, value in zip(getattr(parts, "_fields", range(len(parts))), parts, strict=True):
-        if isinstance(value, tuple):
-            require_numbers(value, f"{what}.{name}")
-        elif isinstance(value, Normal | Uniform | MultivariateNormal | str | None):
-            raise ValueError(
-                f"{what}.{name} is {value!r}: give a number; start and the vehicle's numbers take dispersions"
-            )
+        require(not isinstance(value, str | None), f"{what}.{name} is {value!r}: give a number")
+        require_numbers(value, f"{what}.{name}")
+
+
+def numbers_of(given, what):
+    """An array of floats. Raises ValueError for what is none, such as one that holds dispersions."""
+    try:
+        return np.array(given, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} {' '.join(repr(given).split())}: give numbers") from None
 
 
 class Declared(NamedTuple):
@@ -311,7 +321,8 @@ def declare(given, units, defaults, what, bounds) -> Declared:
                 isinstance(value, MultivariateNormal),
                 f"{what} {key}: several names take MultivariateNormal(means, covariance)",
             )
-            mean, covariance = np.asarray(value.mean, float), np.asarray(value.covariance, float)
+            mean = numbers_of(value.mean, f"{what} {key}: the means are")
+            covariance = numbers_of(value.covariance, f"{what} {key}: the covariance is")
             require(
                 mean.shape == (len(key),) and covariance.shape == (len(key), len(key)),
                 f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them",
@@ -442,7 +453,7 @@ class Table(NamedTuple):
         """Altitude (m) and density (kg/m^3) of the rows, (n, 2). Raises ValueError for what is no density table."""
         if isinstance(self.source, str | Path):
             return read_density_table(self.source)
-        rows = np.asarray(self.source, float)
+        rows = numbers_of(self.source, "the table of air is")
         require(
             rows.ndim == 2 and rows.shape[1] == 2,
             f"a table of air has rows of altitude (m) and density (kg/m^3), not shape {rows.shape}",
@@ -485,6 +496,11 @@ class Markov:
         for name in ("correlation_length", "spacing"):
             require(getattr(self, name) > 0.0, f"Markov air: {name} is {getattr(self, name)!r} m; it must be positive")
         require(self.top > self.bottom, f"Markov air: top ({self.top} m) must lie above bottom ({self.bottom} m)")
+
+    @property
+    def retention(self):
+        """Correlation of neighbouring nodes."""
+        return float(np.exp(-self.spacing / self.correlation_length))
 
     def nodes(self):
         """Altitudes, m, from the bottom up."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.fly.declared import Column, Declared, MultivariateNormal, is_number, resolve
+from marsedl.fly.declared import Column, Declared, MultivariateNormal, is_number, numbers_of, resolve
 from marsedl.words import require
 
 __all__ = ["Samples"]
@@ -150,11 +150,7 @@ def _root(names, given):
     if len(names) == 2 and is_number(given):
         require(abs(given) <= 1.0, f"together {names} is {given:g}; a correlation lies between -1 and 1")
         given = [[1.0, given], [given, 1.0]]
-    try:
-        matrix = np.array(given, float)
-    except (TypeError, ValueError):
-        matrix = np.empty(0)
-    size = len(names)
+    matrix, size = numbers_of(given, f"together {names} is"), len(names)
     require(
         matrix.shape == (size, size),
         f"together {names} is {' '.join(repr(given).split())}; give a matrix of {size} x {size} correlations"
