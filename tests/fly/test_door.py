@@ -26,6 +26,7 @@ from marsedl.fly import (
     Planet,
     Table,
     Uniform,
+    Wind,
     fly,
 )
 from marsedl.fly.declared import declare
@@ -264,7 +265,15 @@ def test_what_is_drawn_beyond_its_bounds_is_refused_with_how_many_before_anythin
 def test_a_dispersion_is_refused_by_name_where_none_is_offered():
     wide = Normal(1.0, 0.1)
     for call, told in (
-        (lambda: Entry(115.0, planet=MARS._replace(radius=Normal(3389.5e3, 1.0))), r"planet\.radius is Normal\("),
+        (lambda: Entry(115.0, planet=wide), r"planet is Normal\("),
+        (lambda: Entry(115.0, air=wide), r"air is Normal\("),
+        (lambda: Entry(115.0, variation=wide), r"variation is Normal\("),
+        (lambda: Entry(115.0, nodes=wide), r"nodes is Normal\("),
+        (lambda: Entry(115.0, ground=wide), r"ground is Normal\("),
+        (lambda: Entry(115.0, wind=wide), r"wind is Normal\("),
+        (lambda: Entry(115.0, wind=Wind(zonal=wide)), r"wind: zonal is Normal\("),
+        (lambda: Entry(115.0, wind=Wind(variation=wide)), r"wind: variation is Normal\("),
+        (lambda: Entry(115.0, air=Table([[0.0, wide], [1e5, 1e-9]])), r"the table of air is \[\[0.0, Normal\("),
         (lambda: Entry(115.0, air=Exponential(scale_height=wide)), r"Exponential\.scale_height is Normal\("),
         (lambda: Entry(115.0, variation=Markov(wide, 5e3)), r"Markov\.deviation is Normal\("),
         (lambda: Entry(115.0, variation=Markov(0.1, Uniform(1.0, 2.0))), r"Markov\.correlation_length is Uniform\("),
@@ -273,6 +282,10 @@ def test_a_dispersion_is_refused_by_name_where_none_is_offered():
             fly(call(), START, **ENTERS)
     with pytest.raises(ValueError, match=r"law\.gain is Normal\("):
         dropped({"altitude": 500.0}, law=partial(push, law=Gain(wide)))
+    with pytest.raises(ValueError, match=r"law is Normal\("):
+        dropped({"altitude": 500.0}, law=partial(push, law=wide))
+    with pytest.raises(ValueError, match=r"the gain table: column 'altitude' is \[0.0, Normal\("):
+        GainTable({"altitude": [0.0, wide], "up": [1.0, 1.0]}, against="altitude")
     with pytest.raises(ValueError, match=r"Lander\.gravity is Normal\("):
         fly(Lander(9e3, 220.0, gravity=wide), LANDED, end_time=1.0)
     with pytest.raises(TypeError):

@@ -21,9 +21,11 @@ from marsedl.fly.declared import (
 )
 from marsedl.fly.flights import Flights, OneFlight
 from marsedl.fly.laws import GainTable
+from marsedl.fly.own_air import Profiles, Wind
 from marsedl.fly.saved import load
 from marsedl.fly.senses import Error, Senses, ThroughDrag
 from marsedl.fly.sweeps import compare
+from marsedl.fly.together import Samples
 from marsedl.fly.vehicles import Entry, Lander, Model
 from marsedl.words import require
 
@@ -44,10 +46,13 @@ __all__ = [
     "Normal",
     "OneFlight",
     "Planet",
+    "Profiles",
+    "Samples",
     "Senses",
     "Table",
     "ThroughDrag",
     "Uniform",
+    "Wind",
     "compare",
     "fly",
     "load",
@@ -59,6 +64,7 @@ def fly(
     flies,
     start,
     *,
+    together=None,
     law=None,
     senses=None,
     truth=False,
@@ -83,6 +89,11 @@ def fly(
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
             `MultivariateNormal`. SI units and radians, or a suffix: `altitude_km`, `flight_path_angle_deg`. Or the
             ends of another phase, `Flights.as_start`.
+        together: what start and vehicle draw together, by the names of `flights.drawn` or of the start: a mapping from
+            tuples of names, each dispersed by `Normal` or `Uniform`, to correlations,
+            {("velocity", "ballistic_coefficient"): 0.6}, of more names a matrix. The correlations are those of the
+            standard normals that the numbers are made of, so that each keeps its own distribution; all else keeps its
+            numbers. Or `Samples`, whose columns take the place of numbers of start and vehicle.
         law: function that is asked once a period and whose command is held. It asks by name for what it is told, such
             as `velocity` or `range`, for `time`, `nav` or `sensed` (all of it) and `law` (parameters: the argument's
             default, or those of `functools.partial`), and returns the command. One that remembers asks for `memory`,
@@ -121,7 +132,7 @@ def fly(
         TypeError: for a function that numba cannot compile.
         KeyboardInterrupt: when it is interrupted, with what may be done. No flight is kept, and no process goes on.
     """
-    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+    campaign = Campaign(flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
     if trials is None:
         trials = campaign.before.outcome.size if campaign.before else 1000
     return Flights.flown(campaign, trials, processes, progress, compiled)

@@ -18,12 +18,15 @@ from marsedl.fly import actuators, laws
 from marsedl.fly.declared import is_number, require_numbers
 from marsedl.fly.phases import STREAMS, PhaseBefore
 from marsedl.fly.senses import Bound, Senses
+from marsedl.fly.together import Together, bound
 from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers of the first phase
+# Streams of random numbers of the first phase; `own_air` has more.
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
+CHUNK_OF_OWN_AIR = 4_096  # as columns of air are made for a whole chunk
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
 
@@ -32,12 +35,26 @@ class Campaign:
 
     recorded = None  # what was drawn, of flights that are read without their law; see `saved`
 
-    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
+    def __init__(
+        self,
+        flies,
+        start,
+        law,
+        trigger,
+        end_time,
+        period,
+        substeps,
+        history,
+        seed,
+        senses=None,
+        truth=False,
+        together=None,
+    ):
         """Check all of it, and bind it to the model; nothing is compiled."""
         from marsedl.montecarlo.flights.binding import check_parameters
         from marsedl.montecarlo.streams import key_of
 
-        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
@@ -60,11 +77,15 @@ class Campaign:
         self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
         self.seed = key_of(seed)
         self.before = start if isinstance(start, PhaseBefore) else None
-        self.phase = self.before.phase if self.before else 0
-        self.start, self.ended_before = (
-            self.before.declared(model) if self.before else (model.declared_start(start), {})
-        )
-        self.vehicle = model.declared_vehicle()
+        self.phase, self.ended_before = (self.before.phase if self.before else 0), {}
+        if self.before:
+            require(together is None, "together: give it in the first phase, as what it draws goes on into this one")
+            self.start, self.ended_before = self.before.declared(model)
+            self.together = Together(self.start, model.declared_vehicle(), ())
+        else:
+            self.together = bound(together, model, start)
+        self.start, self.vehicle = self.together.start, self.together.vehicle
+        require(isinstance(truth, bool), f"truth is {truth!r}; give True or False")
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
@@ -73,7 +94,7 @@ class Campaign:
         self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
-            require_numbers(parts if isinstance(parts, tuple) else (), what)
+            require_numbers(parts, what)
             check_parameters(parts, what)
         if self.ends.data:
             self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
@@ -153,7 +174,8 @@ class Campaign:
     def _reached(self):
         from marsedl.montecarlo.flights.binding import digest
 
-        return digest(*self.flight().reached(), self.p, self.law.parameters)
+        own = self.model.air(self.seed, range(1), self.stream(0)) if self.model.air else ()
+        return digest(*self.flight().reached(), self.p, self.law.parameters, own)
 
     def flight(self):
         """The `Flight` with law, trigger, senses and actuators."""
@@ -179,9 +201,8 @@ class Campaign:
 
         Raises ValueError for numbers beyond their bounds.
         """
-        bounds = self.model.bounds
-        start = self.start.sample(self.seed, self.stream(START), trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, self.stream(VEHICLE), trials, bounds)
+        streams = self.stream(START), self.stream(VEHICLE)
+        start, vehicle = self.together.sample(self.seed, streams, trials, self.model.bounds)
         if self.senses.constants:
             vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials)])
         if self.before:
@@ -214,6 +235,8 @@ class Campaign:
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
         options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
+        if self.model.air:
+            options["air"] = self.model.air(self.seed, trials, self.stream(0))
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
@@ -317,7 +340,8 @@ class Campaign:
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
         require(compiled or processes == 1, "flights in Python (compiled=False) take no processes: leave one out")
         pickled = _for_processes(self) if processes > 1 else None
-        size = min(CHUNK, -(-(last - first) // processes)) if compiled else 1
+        largest = CHUNK_OF_OWN_AIR if self.model.air else CHUNK
+        size = min(largest, -(-(last - first) // processes)) if compiled else 1
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
         for chunk in chunks:
             self.drawn(chunk)  # refuses what cannot fly before anything flies

@@ -78,12 +78,18 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
     """State, aerodynamic accelerations, energy, and distances along and from the great circle of the nominal start."""
     density = exponential(found.log_density) * found.factor
     drag = 0.5 / vehicle.ballistic_coefficient * density * state.velocity * state.velocity
+    return sensed_at(state, density, drag, vehicle.lift_to_drag * drag, (p.gravitational_parameter, p.radius), p.frame)
+
+
+def sensed_at(state, density, drag, lift, planet, frame):
+    """What is sensed at a state, of the accelerations of the air there; planet: gravitational parameter and radius."""
+    gravitational_parameter, radius = planet
     (sin_latitude, cos_latitude), (sin_longitude, cos_longitude) = (
         sine_cosine(state.latitude),
         sine_cosine(state.longitude),
     )
     x, y, z = cos_latitude * cos_longitude, cos_latitude * sin_longitude, sin_latitude
-    (a, b, c), (d, e, f), (g, h, i) = p.frame
+    (a, b, c), (d, e, f), (g, h, i) = frame
     up, ahead, right = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
     return EntrySensed(
         state.altitude,
@@ -92,12 +98,12 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
         state.azimuth,
         state.latitude,
         state.longitude,
-        p.radius * arctangent(ahead, up),
-        p.radius * arctangent(right, np.sqrt(up * up + ahead * ahead)),
+        radius * arctangent(ahead, up),
+        radius * arctangent(right, np.sqrt(up * up + ahead * ahead)),
         density,
         drag,
-        vehicle.lift_to_drag * drag,
-        0.5 * state.velocity * state.velocity - p.gravitational_parameter / (p.radius + state.altitude),
+        lift,
+        0.5 * state.velocity * state.velocity - gravitational_parameter / (radius + state.altitude),
     )
 
 

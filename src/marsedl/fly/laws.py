@@ -12,7 +12,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from marsedl.fly.actuators import actuated
-from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, resolve
+from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, numbers_of, resolve
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
@@ -51,7 +51,7 @@ class GainTable:
                 ]
                 for place, column in enumerate(header)
             }
-        columns = {str(key): np.asarray(source[key], float) for key in source}
+        columns = {str(key): numbers_of(source[key], f"{name}: column {str(key)!r} is") for key in source}
         require(against in columns, f"{name}: column {against!r} is missing; {remedy(against, columns)}")
         for column, values in columns.items():
             require(

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from marsedl.fly.declared import (
     is_number,
     require_numbers,
 )
+from marsedl.fly.own_air import OwnAir, Profiles, Wind, beside, varied
 from marsedl.models.atmosphere import uniform_cells, uniform_nodes
 from marsedl.words import require
 
@@ -51,6 +52,12 @@ ENTRY_QUANTITIES = {
     "max_altitude": ("m", "highest altitude at the start of a step or the end"),
     "ballistic_coefficient": ("kg/m^2", "ballistic coefficient m / (C_D A)"),
     "lift_to_drag": ("1", "lift-to-drag ratio"),
+    **{f"{what}_factor": ("1", f"true over declared {what}") for what in ("drag", "lift", "density")},
+    "gravitational_parameter": ("m^3/s^2", "gravitational parameter of the planet"),
+    "radius": ("m", "radius of the planet"),
+    "rotation_rate": ("rad/s", "rotation rate of the planet"),
+    "zonal_wind": ("m/s", "wind to the east"),
+    "meridional_wind": ("m/s", "wind to the north"),
 }
 LANDER_QUANTITIES = {
     "downrange": ("m", "downrange"),
@@ -74,7 +81,8 @@ ENGINE_QUANTITIES = {  # with actuators
     "thrust_vertical": ("N", "thrust, upwards"),
 }
 ENTRY_BOUNDS = {
-    **dict.fromkeys(("ballistic_coefficient", "velocity"), POSITIVE),
+    **dict.fromkeys(("ballistic_coefficient", "velocity", "gravitational_parameter", "radius"), POSITIVE),
+    **dict.fromkeys(("drag_factor", "density_factor"), NOT_NEGATIVE),
     **dict.fromkeys(("flight_path_angle", "latitude"), QUARTER_TURN),
 }
 LANDER_BOUNDS = {
@@ -111,6 +119,8 @@ class Model:
             many guidance periods its limits kept it from what is commanded: it was cut, or could not be reached within
             a period of its arrival.
         coordinates: `actuators.Coordinates` that actuators move in place of the numbers of the command.
+        air: function (seed, trials, number of the phase's first stream) -> the trials' own air, (nodes, trials), in
+            place of `vary`.
 
     `final` and histories hold the state, which is the truth, under its names. What `navigate` returns, or without it
     `sense`, is what laws are told; results hold `nav_<name>`, and what is sensed under the name of a state as
@@ -129,6 +139,7 @@ class Model:
     ends: Mapping[str, Any] = field(default_factory=dict)
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
     coordinates: Coordinates | None = None
+    air: Callable = None
 
     def model(self) -> "Model":
         """The model itself."""
@@ -147,10 +158,10 @@ class Model:
         state = self.flight.parts["state"]
         return declare(start, self.units(state._fields), state._field_defaults, "start", self.bounds)
 
-    def declared_vehicle(self) -> Declared:
-        """Vehicle, checked."""
+    def declared_vehicle(self, given=None) -> Declared:
+        """Vehicle, or what is given of it by name, checked."""
         names = getattr(self.vehicle, "_fields", ())
-        given = dict(zip(names, self.vehicle, strict=True))
+        given = dict(zip(names, self.vehicle, strict=True)) if given is None else given
         return declare(given, self.units(names), {}, "vehicle", self.bounds)
 
 
@@ -178,8 +189,8 @@ class Entry:
 
     Args:
         ballistic_coefficient: m / (C_D A), kg/m^2. lift_to_drag: 1. Both may be dispersed.
-        planet: `Planet`.
-        air: mean density: `Exponential`, `Table`, or None for no air.
+        planet: `Planet`, whose numbers may be dispersed.
+        air: mean density: `Exponential`, `Table`, or None for no air. Or `Profiles`, one for each trial.
         variation: of the density, `Markov`, or None.
         nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, cubics of its logarithm
             between them; by default they hold all rows of a table and the start. Flights beyond them are told.
@@ -190,12 +201,15 @@ class Entry:
         lag: time constant of the bank behind these limits, s. delay: of commands, s, a whole number of integration
             steps. See `Actuator`; with any of these, results hold the bank angle that is flown, `commanded_bank`, and
             as `saturated_bank` the guidance periods in which the limits kept it from what was commanded.
+        wind: `Wind`, through which drag, lift and what is sensed of them come; or None.
+        drag_factor, lift_factor, density_factor: true over declared drag, lift and density, so that all three may be
+            dispersed apart. None: 1, and no quantity of the vehicle.
     """
 
     ballistic_coefficient: Number
     lift_to_drag: Number = 0.0
     planet: Planet = MARS
-    air: Exponential | Table | None = MARTIAN_AIR
+    air: Exponential | Table | Profiles | None = MARTIAN_AIR
     variation: Markov | None = None
     nodes: tuple[float, float, float] | None = None
     ground: float | None = 0.0
@@ -207,29 +221,73 @@ class Entry:
     bank_rate_deg: float | None = None
     bank_acceleration_deg: float | None = None
     initial_bank_deg: float | None = None
+    wind: Wind | None = None
+    drag_factor: Number | None = None
+    lift_factor: Number | None = None
+    density_factor: Number | None = None
 
     def model(self) -> Model:
         """The model that flies."""
         from marsedl.fly import dynamics
 
-        _require_planet(self.planet)
-        varied = (0.0, 1.0, 0.0, np.zeros(2))
-        if self.variation is not None:
-            retention = np.exp(-self.variation.spacing / self.variation.correlation_length)
-            bottom, spacing = float(self.variation.bottom), float(self.variation.spacing)
-            varied = (bottom, spacing, float(retention), self.variation.deviations())
-        return Model(
+        self._require_kinds()
+        planet = Planet(*(one.mean if isinstance(one, Normal | Uniform) else one for one in self.planet))
+        _require_planet(planet)
+        density = self._density()
+        deviation = np.zeros(density.nodes) if self.variation is None else self.variation.deviations()
+        retention = 0.0 if self.variation is None else self.variation.retention
+        varied = (density.bottom, density.spacing, retention, deviation)
+        factors = (self.drag_factor, self.lift_factor, self.density_factor)
+        plain = Model(
             dynamics.ENTRY,
-            p=dynamics.EntryParameters(*map(float, self.planet), *self._mean_air(), *varied, frame=()),
+            p=dynamics.EntryParameters(*map(float, planet), *self._mean_air(), *varied, frame=()),
             vehicle=dynamics.EntryVehicle(self.ballistic_coefficient, self.lift_to_drag),
             quantities=ENTRY_QUANTITIES,
-            nodes=len(varied[3]),
+            nodes=density.nodes,
             complete=self._completed,
             warn=self._told,
             bounds=ENTRY_BOUNDS,
             ends=_on_the_ground(self.ground),
             actuators=_acting(bank=self._bank()),
+            air=density.sample if isinstance(self.air, Profiles) else None,
         )
+        if self.wind is None and factors == (None, None, None) and planet == self.planet:
+            return plain
+        from marsedl.fly import windy_entry
+
+        wind = (self.wind or Wind()).own()
+        factors = (1.0 if factor is None else factor for factor in factors)
+        return replace(
+            plain,
+            flight=windy_entry.WINDY_ENTRY,
+            p=windy_entry.WindyParameters(*plain.p, wind.bottom, wind.spacing),
+            vehicle=windy_entry.WindyVehicle(*plain.vehicle, *factors, *self.planet),
+            nodes=density.nodes + wind.nodes,
+            air=beside(density, wind),
+        )
+
+    def _require_kinds(self):
+        """Refuse what is of another kind, such as a dispersion."""
+        kinds = {
+            "planet": (getattr(self.planet, "_fields", None) == Planet._fields, "Planet(...)"),
+            "air": (self.air is None or hasattr(self.air, "profile"), "Exponential, Table, Profiles, or None"),
+            "variation": (isinstance(self.variation, Markov | None), "Markov(...), or None"),
+            "wind": (isinstance(self.wind, Wind | None), "Wind(zonal=..., meridional=...), or None"),
+            "nodes": (isinstance(self.nodes, tuple | list | None), "(lowest, highest, spacing) in m, or leave it out"),
+        }
+        for name, (good, wanted) in kinds.items():
+            require(good, f"Entry: {name} is {getattr(self, name)!r}; give {wanted}")
+
+    def _density(self) -> OwnAir:
+        """Variations of the density, trial by trial."""
+        if not isinstance(self.air, Profiles):
+            return varied(self.variation)
+        require(self.variation is None, "the profiles of air are those of the trials: leave variation out")
+        return self.air.own()
+
+    def _mean_density(self):
+        """Mean density."""
+        return self.air.mean() if isinstance(self.air, Profiles) else self.air
 
     def _bank(self):
         """Actuator of the bank angle."""
@@ -238,7 +296,8 @@ class Entry:
 
     def _mean_air(self, start=0.0):
         """Lowest node, spacing and cells of the mean density; start: altitude, m."""
-        rows = self.air.rows()[:, 0] if isinstance(self.air, Table) else np.array([-5e3, 150e3])
+        mean = self._mean_density()
+        rows = mean.rows()[:, 0] if isinstance(mean, Table) else np.array([-5e3, 150e3])
         spacing = min(SPACING, np.diff(rows).min())
         bottom = -5e3 - spacing * np.ceil(max(-5e3 - rows[0], 0.0) / spacing)
         nodes = self.nodes or (bottom, max(150e3, rows[-1], start + 25e3), spacing)
@@ -248,7 +307,7 @@ class Entry:
         )
         lowest, highest, spacing = map(float, nodes)
         whole = lowest + spacing * np.ceil((highest - lowest) / spacing)
-        profile = _vacuum if self.air is None else self.air.profile()
+        profile = _vacuum if mean is None else mean.profile()
         air = uniform_nodes(profile, lowest, whole, spacing)
         return lowest, spacing, uniform_cells(air.log_density, air.slope, spacing)
 
@@ -258,7 +317,8 @@ class Entry:
 
         bottom, spacing, cells = self._mean_air(start["altitude"])
         altitude, velocity = start["altitude"], start["velocity"]
-        lowest, *_, highest = self.air.rows()[:, 0] if isinstance(self.air, Table) else (-np.inf, np.inf)
+        mean = self._mean_density()
+        lowest, *_, highest = mean.rows()[:, 0] if isinstance(mean, Table) else (-np.inf, np.inf)
         doubts = {
             f"an altitude of {altitude:g} m, beyond the rows of the table of air, {lowest:g} to {highest:g} m: its "
             f"last slope goes on there": not lowest <= altitude <= highest,
@@ -383,6 +443,7 @@ def _vacuum(altitude):
 
 def _on_the_ground(ground):
     """The end of a vehicle's flights at an altitude, if there is ground."""
+    require(ground is None or is_number(ground), f"ground is {ground!r}; give an altitude in m, or None")
     return {} if ground is None else {"on the ground": Below("altitude", float(ground))}
 
 
