@@ -1,6 +1,7 @@
 """The engine: compiled flights are those of the plain functions, converge, keep energy, and refuse bad models."""
 
 import random
+import sys
 import time
 from collections import namedtuple
 from dataclasses import fields
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights import Flight, addressed, loop, periods
 from marsedl.montecarlo.flights.addressed import words_of
 from marsedl.montecarlo.flights.binding import digest
 from marsedl.montecarlo.flights.columns import (
@@ -612,6 +613,16 @@ def test_a_digest_follows_all_that_is_read():
     ):
         assert digest_of(expression, n=one, f=plain) == digest_of(expression, n=one, f=plain)
         assert digest_of(expression, n=one) != digest_of(expression, n=other), expression
+
+
+def test_the_key_of_a_kernel_is_of_the_flight_alone_whatever_else_a_program_has_imported(monkeypatch):
+    def engine():
+        return digest(loop.group_flight, loop.fly_groups, addressed.law_of_lanes, addressed.guide_group)
+
+    before = engine()
+    monkeypatch.setitem(sys.modules, "imported_besides", ModuleType("imported_besides"))
+    monkeypatch.syspath_prepend("elsewhere")
+    assert engine() == before
 
 
 class Reads:

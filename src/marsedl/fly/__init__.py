@@ -1,5 +1,19 @@
 """Fly your own law on your own vehicle: declare both, their errors and a trigger; get labelled flights.
 
+    start = {"altitude_km": 125.0, "velocity": Normal(5500.0, 3.0), "flight_path_angle_deg": -14.2}
+    flights = fly(Entry(115.0, 0.24), start, law=1.2, trigger=Below("velocity", 480.0), end_time=420.0)
+    flights.percentiles("range_km")
+
+Begin with `help(fly)`, which says what each argument may be, and `help(Flights)`: what may be asked of the result.
+
+    what flies      `Entry`, `Lander`, or a `Model` of your own
+    where           `Planet`, `MARS`; air: `Exponential`, `Table`, and `Markov` for its variation
+    dispersions     `Normal`, `Uniform`, `MultivariateNormal`, in place of numbers of the start and the vehicle
+    law             a function, a number, or a `GainTable`
+    navigation      `Senses` with an `Error` or `ThroughDrag` for what the law knows with errors
+    end             `Below`, `Above`, or a function
+    result          `Flights`; one flight of them is `OneFlight`
+
 `fly` is the front door of `montecarlo.flights`, the engine. Nothing is compiled before it is called.
 """
 
@@ -84,6 +98,8 @@ def fly(
     Trial i is the same to the last bit whether it is flown alone, with others, in threads or in processes, as its
     random numbers are a function of (seed, i). Those of a quantity stay the same whatever else is dispersed.
 
+    The arguments say, in this order, what flies, how it is guided, where it ends, in which steps, and how often.
+
     Args:
         flies: `Entry`, `Lander`, `Model`, or a `montecarlo.flights.Flight`.
         start: mapping from the names of the state to numbers, `Normal` or `Uniform`; a tuple of names takes a
@@ -112,7 +128,8 @@ def fly(
             but for a function that returns a bool. Trials that meet a trigger where they start have the outcome
             "trigger met at the start" and count in no statistics.
         end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
-        period: of the guidance, s. substeps: integration steps in it.
+        period: of the guidance, s.
+        substeps: integration steps in a period.
         history: seconds from one stored state to the next; by default ends alone are stored.
         trials: how many; by default 1000, or as many as the phase before has.
         seed: of all random numbers, a whole number that is not negative. One of 2**63 and more is hashed

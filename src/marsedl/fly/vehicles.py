@@ -294,6 +294,24 @@ class Entry:
         rate, acceleration, start = (_angle(self, name) for name in ("bank_rate", "bank_acceleration", "initial_bank"))
         return Actuator(rate=rate, acceleration=acceleration, start=start, lag=self.lag, delay=self.delay)
 
+    def with_equations(self, rates, **functions) -> Model:
+        """A model with equations of motion of your own for the planet, the air and the vehicle of this entry.
+
+        Their state has an `altitude` (m), and flights end on the ground. Flights beyond the nodes of the air are not
+        told.
+
+        Args:
+            rates: function as in `montecarlo.flights`, such as `rates(state, found, command: Command, vehicle, p) ->
+                State`. The density (kg/m^3) is `exponential(found.log_density) * found.factor`. `vehicle` has
+                ballistic_coefficient and lift_to_drag, `p` has gravitational_parameter, radius and rotation_rate.
+            functions: further arguments of a `montecarlo.flights.Flight`, such as `sense` and `noise`.
+        """
+        from marsedl.fly import dynamics
+        from marsedl.montecarlo.flights import Flight
+
+        flight = Flight(rates, look_up=dynamics.look_up, vary=dynamics.vary, **functions)
+        return replace(self.model(), flight=flight, warn=None)
+
     def _mean_air(self, start=0.0):
         """Lowest node, spacing and cells of the mean density; start: altitude, m."""
         mean = self._mean_density()
@@ -316,7 +334,7 @@ class Entry:
         from marsedl.fly import dynamics
 
         bottom, spacing, cells = self._mean_air(start["altitude"])
-        altitude, velocity = start["altitude"], start["velocity"]
+        altitude, velocity = start["altitude"], start.get("velocity", np.inf)
         mean = self._mean_density()
         lowest, *_, highest = mean.rows()[:, 0] if isinstance(mean, Table) else (-np.inf, np.inf)
         doubts = {
@@ -326,7 +344,8 @@ class Entry:
         }
         for doubt in (words for words, is_so in doubts.items() if is_so):
             warnings.warn(f"flights start at {doubt}", stacklevel=5)
-        return p._replace(frame=dynamics.frame_of(start), bottom=bottom, spacing=spacing, cells=cells)
+        frame = dynamics.frame_of(start) if {"latitude", "longitude", "azimuth"} <= {*start} else ()
+        return p._replace(frame=frame, bottom=bottom, spacing=spacing, cells=cells)
 
     def _told(self, p, final):
         """Sentences on flights beyond the nodes of the air, and under the ground."""

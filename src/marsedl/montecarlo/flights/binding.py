@@ -4,6 +4,7 @@ import dis
 import enum
 import hashlib
 import inspect
+import sys
 import types as python_types
 from collections import ChainMap
 from functools import cache
@@ -244,6 +245,14 @@ def is_foreign(value):
     return str(module).partition(".")[0] in _FOREIGN
 
 
+def _is_of_python(value):
+    """Whether it is a function of the standard library."""
+    return (
+        isinstance(value, python_types.FunctionType)
+        and str(value.__module__).partition(".")[0] in sys.stdlib_module_names
+    )
+
+
 def renew_helpers(function, done, defaults=()):
     """Let numba compile again all helpers of a function, down to the last one, that read other numbers than before.
 
@@ -321,8 +330,8 @@ def digest(*roots):
     """Digest of the code and constants that functions reach: bytecode, globals, closures, defaults, classes' fields.
 
     Numba itself compares the file of the outermost function alone. Here an edited helper or constant in any file makes
-    another kernel, and so does a value that changes while a program runs; a comment does not. Of numpy and numba the
-    names count.
+    another kernel, and so does a value that changes while a program runs; a comment does not. Of functions of numpy,
+    numba and the standard library the names count, as the latter read what a program has imported.
     """
     seen, parts = {}, [_FORMAT]
 
@@ -336,7 +345,7 @@ def digest(*roots):
             parts.append(f"again {seen[id(value)][0]}")
             return
         seen[id(value)] = len(seen), value  # kept, so that no other object gets its id
-        if is_foreign(value):
+        if is_foreign(value) or _is_of_python(value):
             parts.append(getattr(value, "__qualname__", type(value).__qualname__))
         elif isinstance(value, python_types.FunctionType):
             for member in (value.__code__, value.__defaults__, value.__kwdefaults__):
