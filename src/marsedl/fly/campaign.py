@@ -52,6 +52,7 @@ class Campaign:
             f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
         )
         self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
+        self.only = None  # normal of each trial that is not zero: all are drawn
         self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
@@ -138,16 +139,26 @@ class Campaign:
         )
         return schedule._replace(every=round(steps))
 
+    def perturbed(self, only):
+        """These flights with one normal that is not zero in each trial: its stream, number and value, (3, trials)."""
+        other = object.__new__(Campaign)
+        vars(other).update(vars(self), only=only, history=None)
+        return other
+
+    def _only(self, trials):
+        """The normals of these trials that are not zero, or None if all are drawn."""
+        return None if self.only is None else self.only[:, trials[0] : trials[-1] + 1]
+
     def drawn(self, trials):
         """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
 
         Raises ValueError for numbers beyond their bounds.
         """
-        bounds = self.model.bounds
-        start = self.start.sample(self.seed, START, trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        bounds, only = self.model.bounds, self._only(trials)
+        start = self.start.sample(self.seed, START, trials, bounds, only)
+        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds, only)
         if self.senses.constants:
-            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials, only)])
         return start, vehicle
 
     def fly(self, trials, every, in_python=False, whole=True):
@@ -169,6 +180,7 @@ class Campaign:
             "first_trial": trials[0],
             "streams": (NOISE, AIR),
             "navigation_stream": NAVIGATION,
+            "only": self._only(trials),
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)

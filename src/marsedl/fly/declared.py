@@ -143,13 +143,17 @@ class Declared(NamedTuple):
         places = {place for place, *_ in self.single} | {place for places, _ in self.joint for place in places}
         return [self.names[place] for place in sorted(places)]
 
-    def sample(self, seed, stream, trials, bounds=None):
-        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name."""
-        from marsedl.montecarlo.streams import normals
+    def sample(self, seed, stream, trials, bounds=None, only=None):
+        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name.
+
+        only: the one normal of each trial that is not zero, see `Flight.fly`.
+        """
+        from marsedl.montecarlo.streams import normals, one_normal
 
         values = np.tile(np.reshape(self.means, (-1, 1)), len(trials))
         if self.single or self.joint:
-            z = normals(seed, stream, trials, len(self.names)).T
+            count = len(self.names)
+            z = (normals(seed, stream, trials, count) if only is None else one_normal(stream, only, count)).T
             for place, distribution, factor in self.single:
                 values[place] = factor * distribution.of_normals(z[place])
             for places, root in self.joint:
