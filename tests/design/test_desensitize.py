@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from marsedl.design import Gain, Sensitivity, desensitize, optimal
+from marsedl.fly import Above, Below
 from marsedl.methods.collocation import Guess, Problem, Program, Variable
 from marsedl.methods.desensitization import Desensitized, Perturbation, column
 
@@ -87,6 +88,17 @@ def test_weights_trade_the_objective_for_what_an_error_does_in_flight(least, rob
     assert (np.diff(table["objective"]) > 0.0).all() and (np.diff(table["predicted"].abs()) < 0.0).all()
     np.testing.assert_allclose(table["flown"], table["predicted"], atol=0.06, err_msg="of second order in the error")
     assert abs(table.loc[3, "flown"]) < 0.2 * abs(table.loc[0, "flown"])
+
+
+def test_an_objective_of_the_end_is_told_without_the_sensitivities():
+    limits = [Below("thrust", 1.0), Above("thrust", -1.0)]
+    far = optimal(rates, Sled(), (0.0, 0.0), (np.nan, 0.0), 20.0, lambda end: -end.position, limits, (0.5,))
+    errors = [DRAG, Sensitivity("position", "speed", 0.1)]
+    near = desensitize(far, 0.1, errors, gains=[Gain("thrust", "speed", lower=-0.5, upper=0.0)])
+    np.testing.assert_allclose(near.references[0].objective, -near.references[0].states.position[-1], rtol=1e-9)
+    assert far.objective < near.references[0].objective
+    assert near.table["to"].tolist() == ["drag", "speed"] * 2
+    np.testing.assert_allclose(near.table["flown"][:2], near.table["predicted"][:2], rtol=0.05)
 
 
 @pytest.mark.parametrize(

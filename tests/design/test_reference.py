@@ -118,6 +118,20 @@ def test_the_end_may_be_the_objective_and_a_reference_the_guess():
     np.testing.assert_allclose(again.states.x[-1], 9.0, rtol=1e-6)
 
 
+class Shove(NamedTuple):
+    x: float
+
+
+def shoved(state, command: Shove) -> Cart:
+    return Cart(state.v, command.x)
+
+
+def test_a_command_may_be_called_like_a_state():
+    limits = [Below("command.x", 1.0), Above("command.x", -1.0)]
+    found = optimal(shoved, None, REST, AHEAD, (1.0, 20.0), "time", limits, (0.5,))
+    np.testing.assert_allclose(found.time[-1], 6.0, rtol=1e-6)
+
+
 def of_time(state, command: Push, time) -> Cart:
     return Cart(state.v, command.push + time)
 

@@ -54,7 +54,8 @@ def desensitize(reference: Reference, weight, sensitivity, gains: Sequence[Gain]
     Args:
         reference: of `optimal`. weight: w, or several, rising from the first, each more robust than the one before.
         sensitivity: `Sensitivity`, or several. gains: constant ones that the solver chooses, each a `Gain` of a command
-            and a state with its bounds; it enters sensitivities alone, as the nominal has no deviation.
+            (named as in limits of `optimal`) and a state with its bounds; it enters sensitivities alone, as the nominal
+            has no deviation.
         scales: typical size of a state's sensitivity to a unit of an error; by default its scale over the deviation.
 
     Returns:
@@ -111,7 +112,7 @@ def desensitize(reference: Reference, weight, sensitivity, gains: Sequence[Gain]
         predicted = {one: one.deviation * end[name] for one, name in columns.items()}
         return [(weight, flown.objective, one.of, one.to, predicted[one], _moved(flown, one, gain)) for one in asked]
 
-    commands, references, feedback = list(reference.commands._fields), [], []
+    commands, references, feedback = [variable.name for variable in base.controls], [], []
     rows = rows_of(0.0, reference, np.zeros((len(commands), len(states))), guess.states[-1])
     for number, found in zip(weights, path, strict=True):
         gain = np.zeros((len(commands), len(states)))

@@ -54,13 +54,14 @@ def optimal(
         start: numbers of the state, in its order. goal: likewise; what is NaN is free.
         time: at which the goal is reached, s; or (lowest, highest), between which it is chosen.
         objective: function of `state`, `command` or the parts of the model, as it asks by name, whose integral over the
-            time is least; or of `end`, the state at the end; or "time".
+            time is to be least; or of `end`, the state at the end; or "time".
         limits: `Below` and `Above` of `marsedl.fly`, of a state's or command's name or of a function of `state` or
             `command`. They hold at all nodes.
         guess: where the search starts: commands, held throughout (numbers, in their order) or for each interval (N, m);
             or a `Reference` of the same vehicle.
         intervals: N, of equal length, over which commands are held. scheme: one of `methods.collocation.SCHEMES`.
-        scales: typical sizes of states and commands by name, where those of start, goal, limits and guess are none.
+        scales: typical sizes of states and commands by name, where those of start, goal and guess are none. A command
+            that has the name of a state is `command.x` here and in limits.
         substeps: the integrator's steps in an interval, when the commands are flown again.
         parts: what else `rates` asks for: `vehicle=...`, `look_up=...`, `noise=Gusts` where it is not annotated.
 
@@ -110,8 +111,9 @@ class Task(NamedTuple):
 
     @property
     def names(self):
-        """Names of states and commands."""
-        return (*self.vectors.names["state"], *self.vectors.names["command"])
+        """Names of states and commands; of a command that is called like a state, "command.x"."""
+        states, commands = self.vectors.names["state"], self.vectors.names["command"]
+        return (*states, *(f"command.{name}" if name in states else name for name in commands))
 
     def part_with(self, name) -> str:
         """The part of the model, such as p, that has a number of this name. Raises ValueError if none has."""
@@ -145,11 +147,19 @@ class Task(NamedTuple):
         return np.broadcast_to(given, shape)
 
     def scaled(self, commands, scales):
-        """Typical sizes by name: those that are given, else of start, goal and guess, else 1."""
+        """Typical sizes by name: those that are given; of commands those of the guess, or its largest for zeros; of
+        states those of start and goal, or for zeros what their rates at the start come to; else 1.
+        """
         for name in scales:
             require(name in self.names, f"scales: {name!r} is neither state nor command; {remedy(name, self.names)}")
-        sizes = [*np.fmax(np.abs(self.start), np.abs(self.goal)), *np.abs(commands).max(axis=0)]
-        return {name: float(size) or 1.0 for name, size in zip(self.names, sizes, strict=True)} | scales
+        calm = [0.0] * len(self.vectors.names.get("noise", ()))
+        come_to = self.time[1] * np.abs(self.vectors(*self.start, *commands[0], *calm))
+        of_states, of_commands = np.fmax(np.abs(self.start), np.abs(self.goal)), np.abs(commands).max(axis=0)
+        sizes = np.append(
+            np.where(of_states > 0.0, of_states, come_to), np.where(of_commands > 0.0, of_commands, of_commands.max())
+        )
+        found = {name: float(size) or 1.0 for name, size in zip(self.names, sizes, strict=True)}
+        return found | scales
 
     def problem(self, uncertain=(), unused=()) -> Problem:
         """The problem as `methods.collocation` takes it.
@@ -174,7 +184,8 @@ class Task(NamedTuple):
             return answer(self.objective, offered(numbers))
 
         def end_cost(start, end, given):
-            return answer(self.objective, self.vectors.fixed | {"end": type(self.start)(**end)})
+            state = type(self.start)(*(end[name] for name in self.start._fields))
+            return answer(self.objective, self.vectors.fixed | {"end": state})
 
         def condition(limit):
             size = max(abs(bound) for bound in (limit.lower, limit.upper) if np.isfinite(bound)) or 1.0
@@ -253,7 +264,7 @@ def _limit(number, given, task, offered) -> Limit:
     function = given.quantity
     if not callable(function):
         require(function in task.names, f"limit of {function!r}: {remedy(function, task.names)}")
-        read = attrgetter(function)
+        read = attrgetter(function.removeprefix("command."))
         function = (
             (lambda state: read(state)) if given.quantity in task.start._fields else (lambda command: read(command))
         )
