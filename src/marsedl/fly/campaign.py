@@ -76,6 +76,7 @@ class Campaign:
         )
         self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
         self.seed = key_of(seed)
+        self.only = None  # normal of each trial that is not zero: all are drawn
         self.before = start if isinstance(start, PhaseBefore) else None
         self.phase, self.ended_before = (self.before.phase if self.before else 0), {}
         if self.before:
@@ -174,7 +175,7 @@ class Campaign:
     def _reached(self):
         from marsedl.montecarlo.flights.binding import digest
 
-        own = self.model.air(self.seed, range(1), self.stream(0)) if self.model.air else ()
+        own = self.model.air.sample(self.seed, range(1), self.stream(0)) if self.model.air else ()
         return digest(*self.flight().reached(), self.p, self.law.parameters, own)
 
     def flight(self):
@@ -196,15 +197,25 @@ class Campaign:
         )
         return schedule._replace(every=round(steps))
 
+    def perturbed(self, only):
+        """These flights with one normal that is not zero in each trial: its stream, number and value, (3, trials)."""
+        other = object.__new__(Campaign)
+        vars(other).update(vars(self), only=only, history=None)
+        return other
+
+    def _only(self, trials):
+        """The normals of these trials that are not zero, or None if all are drawn."""
+        return None if self.only is None else self.only[:, trials[0] : trials[-1] + 1]
+
     def drawn(self, trials):
         """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
 
         Raises ValueError for numbers beyond their bounds.
         """
-        streams = self.stream(START), self.stream(VEHICLE)
-        start, vehicle = self.together.sample(self.seed, streams, trials, self.model.bounds)
+        only, streams = self._only(trials), (self.stream(START), self.stream(VEHICLE))
+        start, vehicle = self.together.sample(self.seed, streams, trials, self.model.bounds, only)
         if self.senses.constants:
-            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials)])
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials, only)])
         if self.before:
             self.before.require_flown(trials)
         for place, values in self.ended_before.items():  # others have the mean, and are no flights
@@ -236,12 +247,13 @@ class Campaign:
         arguments = (self.p, schedule, state(*start))
         options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
         if self.model.air:
-            options["air"] = self.model.air(self.seed, trials, self.stream(0))
+            options["air"] = self.model.air.sample(self.seed, trials, self.stream(0), self._only(trials))
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
             "streams": (self.stream(NOISE), self.stream(AIR)),
             "navigation_stream": self.stream(NAVIGATION),
+            "only": self._only(trials),
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)

@@ -227,15 +227,18 @@ class Declared(NamedTuple):
         places = {place for place, *_ in self.single} | {place for places, _ in self.joint for place in places}
         return [self.names[place] for place in sorted(places | {place for place, _ in self.sampled})]
 
-    def sample(self, seed, stream, trials, bounds=None):
-        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name."""
-        return self.of_normals(self.normals(seed, stream, trials), trials, bounds)
+    def sample(self, seed, stream, trials, bounds=None, only=None):
+        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name.
 
-    def normals(self, seed, stream, trials):
+        only: the one normal of each trial that is not zero, see `streams.normals`.
+        """
+        return self.of_normals(self.normals(seed, stream, trials, only), trials, bounds)
+
+    def normals(self, seed, stream, trials, only=None):
         """Standard normals of these trials, (names, trials), none if nothing is made of them."""
         from marsedl.montecarlo.streams import normals
 
-        return normals(seed, stream, trials, len(self.names)).T if self.single or self.joint else None
+        return normals(seed, stream, trials, len(self.names), only).T if self.single or self.joint else None
 
     def of_normals(self, z, trials, bounds=None):
         """As `sample`, made of standard normals."""

@@ -24,7 +24,8 @@ class OwnAir(NamedTuple):
     bottom: float  # m
     spacing: float  # m
     nodes: int
-    sample: Callable  # (seed, trials) -> (nodes, trials)
+    sample: Callable  # (seed, trials, the phase's first stream, only) -> (nodes, trials); only: see `streams.normals`
+    normals: tuple[tuple[str, int, int], ...] | None = ()  # name, stream and count of what it is made of; None: given
 
 
 # ---- density ---------------------------------------------------------------------------------------------------------
@@ -88,7 +89,7 @@ class Profiles:
         at_nodes = altitude[0] + spacing * np.arange(nodes)
         variations = self.columns[:, 1:] / mean - 1.0
 
-        def sample(seed, trials, first_stream):
+        def sample(seed, trials, first_stream, only=None):
             require(
                 trials[-1] < variations.shape[1],
                 f"there are {variations.shape[1]:,} profiles of air, and trial {trials[-1]:,} is asked for: fly fewer "
@@ -96,29 +97,30 @@ class Profiles:
             )
             return np.column_stack([np.interp(at_nodes, altitude, variations[:, trial]) for trial in trials])
 
-        return OwnAir(float(altitude[0]), spacing, nodes, sample)
+        return OwnAir(float(altitude[0]), spacing, nodes, sample, None)
 
 
 def varied(markov) -> OwnAir:
     """Relative variations of the density, or none, as a flight's own `vary` makes them of the same random numbers."""
     if markov is None:
-        return OwnAir(0.0, 1.0, 2, lambda seed, trials, _: np.zeros((2, len(trials))))
+        return OwnAir(0.0, 1.0, 2, lambda seed, trials, *_: np.zeros((2, len(trials))))
     count = markov.nodes().size
     return OwnAir(
         float(markov.bottom),
         float(markov.spacing),
         count,
-        lambda seed, trials, first_stream: process(markov, first_stream + AIR, seed, trials),
+        lambda seed, trials, first_stream, only=None: process(markov, first_stream + AIR, seed, trials, only),
+        (("air", AIR, count),),
     )
 
 
-def process(markov, stream, seed, trials):
+def process(markov, stream, seed, trials, only=None):
     """An Ornstein-Uhlenbeck process at its nodes, (nodes, trials), from the highest one down."""
     from marsedl.montecarlo.streams import normals
 
     deviations, retention = markov.deviations(), markov.retention
     fresh = np.sqrt((1.0 - retention) * (1.0 + retention))
-    z = normals(seed, stream, trials, deviations.size).T
+    z = normals(seed, stream, trials, deviations.size, only).T
     values, scaled = np.empty(z.shape), z[0]
     for number, node in enumerate(reversed(range(deviations.size))):
         scaled = retention * scaled + fresh * z[number] if number else scaled
@@ -168,14 +170,16 @@ class Wind:
         at_nodes = [np.broadcast_to(np.asarray(mean(altitudes), float), count) for mean, _ in means]
         require(np.isfinite(at_nodes).all(), "wind: its mean is not finite at all altitudes; give m/s")
 
-        def sample(seed, trials, first_stream):
+        def sample(seed, trials, first_stream, only=None):
             values = np.repeat(np.reshape(at_nodes, (-1, 1)), len(trials), axis=1)
             for row, stream in enumerate((ZONAL, MERIDIONAL) if self.variation else ()):
-                varied = process(self.variation, first_stream + stream, seed, trials)
+                varied = process(self.variation, first_stream + stream, seed, trials, only)
                 values[row * count : (row + 1) * count] += np.pad(varied, ((below, above), (0, 0)), mode="edge")
             return values
 
-        return OwnAir(float(bottom), float(spacing), 2 * count, sample)
+        each = (("zonal wind", ZONAL), ("meridional wind", MERIDIONAL)) if self.variation else ()
+        drawn = tuple((name, stream, self.variation.nodes().size) for name, stream in each)
+        return OwnAir(float(bottom), float(spacing), 2 * count, sample, drawn)
 
 
 def _mean_wind(name, given):
@@ -193,6 +197,11 @@ def _mean_wind(name, given):
     return (lambda altitude: np.interp(altitude, *rows.T)), rows[:, 0]
 
 
-def beside(density, wind):
-    """(seed, trials, first stream) -> columns of air: variations of the density, and wind after them."""
-    return lambda *of: np.concatenate([density.sample(*of), wind.sample(*of)])
+def beside(density, wind) -> OwnAir:
+    """Variations of the density, and wind after them."""
+
+    def sample(*of):
+        return np.concatenate([density.sample(*of), wind.sample(*of)])
+
+    drawn = None if density.normals is None else density.normals + wind.normals
+    return OwnAir(density.bottom, density.spacing, density.nodes + wind.nodes, sample, drawn)

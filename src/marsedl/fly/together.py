@@ -61,10 +61,10 @@ class Together(NamedTuple):
     vehicle: Declared
     blocks: tuple[tuple[tuple[tuple[int, int], ...], np.ndarray], ...]  # part and place of each name; root
 
-    def sample(self, seed, streams, trials, bounds):
+    def sample(self, seed, streams, trials, bounds, only=None):
         """Start and vehicle of these trials, each (names, trials). Raises ValueError for numbers beyond bounds."""
         parts = (self.start, self.vehicle)
-        z = [part.normals(seed, stream, trials) for part, stream in zip(parts, streams, strict=True)]
+        z = [part.normals(seed, stream, trials, only) for part, stream in zip(parts, streams, strict=True)]
         for members, root in self.blocks:
             independent = [z[part][place] for part, place in members]
             # Not a matrix product, whose sums depend on the number of trials.

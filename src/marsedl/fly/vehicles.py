@@ -119,8 +119,7 @@ class Model:
             many guidance periods its limits kept it from what is commanded: it was cut, or could not be reached within
             a period of its arrival.
         coordinates: `actuators.Coordinates` that actuators move in place of the numbers of the command.
-        air: function (seed, trials, number of the phase's first stream) -> the trials' own air, (nodes, trials), in
-            place of `vary`.
+        air: `own_air.OwnAir`, the trials' own air in place of `vary`.
 
     `final` and histories hold the state, which is the truth, under its names. What `navigate` returns, or without it
     `sense`, is what laws are told; results hold `nav_<name>`, and what is sensed under the name of a state as
@@ -139,7 +138,7 @@ class Model:
     ends: Mapping[str, Any] = field(default_factory=dict)
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
     coordinates: Coordinates | None = None
-    air: Callable = None
+    air: OwnAir | None = None
 
     def model(self) -> "Model":
         """The model itself."""
@@ -249,7 +248,7 @@ class Entry:
             bounds=ENTRY_BOUNDS,
             ends=_on_the_ground(self.ground),
             actuators=_acting(bank=self._bank()),
-            air=density.sample if isinstance(self.air, Profiles) else None,
+            air=density if isinstance(self.air, Profiles) else None,
         )
         if self.wind is None and factors == (None, None, None) and planet == self.planet:
             return plain
