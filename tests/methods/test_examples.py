@@ -214,6 +214,16 @@ def test_funnel_example_bounds_the_pendulum_itself(pendulum):
     assert (np.einsum("mi,ij,mj->m", ends, shape, ends) / 2 < pendulum["proven"].levels[-1]).all()
 
 
+def test_funnels_have_as_many_samples_as_the_page_on_methods_says():
+    page = (ROOT / "docs/examples/which_method.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d), (\d) \| ([\d,]+) \| ([\d,]+) \|$", page, re.MULTILINE)
+    assert len(rows) == 5
+    for row in rows:
+        states, disturbances, bounded, proven = (int(number.replace(",", "")) for number in row)
+        assert Spheres((states, disturbances)).sample_count(2) == bounded
+        assert Spheres((states, disturbances + 1)).sample_count(2) == proven
+
+
 def test_funnel_example_says_what_it_covers(pendulum):
     page = (ROOT / "docs/examples/funnel.md").read_text(encoding="utf-8")
     assert f"```text\n{pendulum['proven'].covers}\n```" in page

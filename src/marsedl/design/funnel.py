@@ -1,10 +1,12 @@
 """The funnel of one's own vehicle: where feedback keeps it about a reference, whatever a bounded disturbance does.
 
-tube = funnel(rates, p, time, command, start, semi_axes, weights=(Q, R, Qf), disturbances=Wind(0.3), proven=True)
-tube.half_widths        # of every state, at every node
-tube.table              # the law, a GainTable of marsedl.fly
-tube.flown(20_000)      # how many flights of the same `rates` leave it
-print(tube.covers)      # what is proven, and what is not
+    tube = funnel(rates, p, time, command, start, semi_axes, weights=(Q, R, Qf), disturbances=Wind(0.3), proven=True)
+    tube.half_widths  # of every state, at every node
+    tube.table  # the law, a GainTable of marsedl.fly
+    tube.holds(20_000)  # whether flights of the same `rates` stay in it, and how many do not
+    print(tube.covers)  # what is proven, and what is not
+
+`noise` of `rates` is bounded here, and constant from slice to slice; elsewhere it is white.
 """
 
 from collections import namedtuple
@@ -124,7 +126,9 @@ def funnel(
 
 def _dynamics(rates, p, vehicle, disturbances) -> VectorRates:
     """Rates as a function of numbers, of which state, command and noise vary."""
-    parts = {name: value for name, value in (("p", p), ("vehicle", vehicle)) if len(value)}
+    for name, value in (("p", p), ("vehicle", vehicle)):
+        require(isinstance(value, tuple), f"{name} is {value!r}; give a NamedTuple of numbers, or () for none")
+    parts = {name: value for name, value in (("p", p), ("vehicle", vehicle)) if value != ()}
     if disturbances is not None:
         require(
             hasattr(disturbances, "_fields") and not isinstance(disturbances, type),
@@ -277,11 +281,12 @@ class Funnel:
         drawn = normals(seed, DISTURBANCE, trials, stages * q).reshape(len(trials), stages, q)
         pushes = np.moveaxis(_directions(drawn), 0, 1)
         pushes = np.where(kind == STEADY, pushes[0], pushes)
-        toward = points @ np.linalg.cholesky(self.shapes[-1]).T
+        toward = _times(points, np.linalg.cholesky(self.shapes[-1]).T)
         for stage in reversed(range(stages)):
-            pushes[stage] = np.where(kind == WORST, _directions(toward @ responses[stage]), pushes[stage])
-            toward = toward @ transitions[stage]
-        return np.where(kind == WORST, _directions(toward @ spread), points) @ spread.T, pushes
+            pushes[stage] = np.where(kind == WORST, _directions(_times(toward, responses[stage])), pushes[stage])
+            toward = _times(toward, transitions[stage])
+        points = np.where(kind == WORST, _directions(_times(toward, spread)), points)
+        return _times(points, spread.T), pushes
 
     def _ratios(self, deviations, disturbances, compiled):
         """V / level of flights at the nodes after the first, (nodes - 1, trials)."""
@@ -296,12 +301,11 @@ class Funnel:
         fly = flight.fly if compiled else flight.fly_in_python
         flown = fly(tables, schedule, (loop.states[0] + deviations).T, vehicle=fixed.get("vehicle", ()), air=air)
         moved = flown.history - loop.states[2 * self.nodes, :, np.newaxis]
-        return np.array(
-            [
-                quadratic_values(self.shapes[node], deviation) / level
-                for node, level, deviation in zip(self.nodes[1:], self.levels[1:], moved[1:], strict=True)
-            ]
-        )
+        after = zip(self.nodes[1:], self.levels[1:], moved[1:], strict=True)
+        with np.errstate(over="ignore", invalid="ignore"):  # one that diverges is outside
+            return np.array(
+                [quadratic_values(self.shapes[node], deviation) / level for node, level, deviation in after]
+            )
 
     def picture(self) -> Any:
         """Figure of matplotlib: every state over time, the reference and the funnel about it."""
@@ -359,3 +363,8 @@ def _directions(vectors):
     """Vectors of length 1, (..., size); those of zero stay."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(lengths > 0.0, lengths, 1.0)
+
+
+def _times(rows, matrix):
+    """Rows times a matrix by sums: a matrix product may round a row by its place among the others."""
+    return sum(column[:, np.newaxis] * of for column, of in zip(rows.T, matrix, strict=True))
