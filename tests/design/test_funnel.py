@@ -166,8 +166,8 @@ def test_flights_by_the_engine_stay_in_a_proven_funnel_unless_the_wind_is_larger
 
 @pytest.mark.long
 def test_no_flight_of_a_hundred_thousand_leaves_a_proven_funnel(pendulum):
-    flown = pendulum.holds(100_000, seed=1)
-    assert flown.left == 0 and 0.999 < flown.highest[-1] < 1.0
+    flown = pendulum.holds(100_000)
+    assert flown.left == 0 and 0.98 < flown.highest[-1] < 1.0
 
 
 def test_picture_shows_every_state(water):
