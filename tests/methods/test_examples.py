@@ -151,22 +151,22 @@ def test_one_function_is_optimised_linearised_flown_and_enclosed_as_its_page_say
 
 @pytest.fixture(scope="module")
 def pendulum():
-    """The funnel example, its proven level at every node, and starts on the boundary of its first slice."""
+    """The funnel example, and starts on the boundary of its first slice."""
     names = run("funnel")
-    names["proven_level"] = np.concatenate([[names["first"]], *(stage.levels for stage in names["proven"])])
     directions = Spheres((2,)).random_points(TRIALS, np.random.Generator(np.random.Philox(7)))
-    names["starts"] = directions @ spread_of(names["shapes"][0], names["first"]).T
+    names["starts"] = directions @ spread_of(names["proven"].shapes[0], names["proven"].levels[0]).T
     return names
 
 
 def highest(pendulum, wind):
     """Largest V of flights at every node."""
-    return monte_carlo.fly(pendulum["loop"], pendulum["shapes"], pendulum["starts"], wind).max(axis=1)
+    proven = pendulum["proven"]
+    return monte_carlo.fly(proven.loop, proven.shapes, pendulum["starts"], wind).max(axis=1)
 
 
 def swing(pendulum, start, wind):
     """Final angle and rate of the pendulum under the feedback, by an integrator and a reference of their own."""
-    half, gains = np.linspace(0.0, 4.0, 401), pendulum["loop"].gains[:, 0]
+    half, gains = np.linspace(0.0, 4.0, 401), pendulum["proven"].loop.gains[:, 0]
 
     def reference(time):
         turn = np.pi * time / 4.0
@@ -181,19 +181,21 @@ def swing(pendulum, start, wind):
 
 
 def test_funnel_example_narrows_as_its_page_says(pendulum):
-    np.testing.assert_allclose(np.degrees(pendulum["funnel"].half_widths[[0, -1], 0]), [24.0, 1.5], rtol=0.02)
+    np.testing.assert_allclose(np.degrees(pendulum["bounded"].half_widths[[0, -1], 0]), [23.77, 1.518], rtol=3e-4)
 
 
 def test_flights_of_the_funnel_example_stay_within_proven_levels_only(pendulum):
-    funnel, slices, proven = pendulum["funnel"], pendulum["slices"], pendulum["proven_level"]
+    bounded, slices, proven = pendulum["bounded"].levels, pendulum["bounded"].slices, pendulum["proven"].levels
     random = np.random.Generator(np.random.Philox(8))
     steady = highest(pendulum, random.choice([-1.0, 1.0], (TRIALS, 1)))
-    assert 0.97 < steady[-1] / funnel.rho[-1] < 0.985
-    assert 1e-6 < (steady[slices[1:]] / funnel.rho[1:]).max() - 1.0 < 1e-5
+    assert 0.97 < steady[-1] / bounded[-1] < 0.985
+    assert 1e-6 < (steady[slices[1:]] / bounded[1:]).max() - 1.0 < 1e-5
     changing = highest(pendulum, random.choice([-1.0, 1.0], (len(slices) - 1, TRIALS, 1)))
     for flight in (steady, changing):
         assert (flight[1:] <= proven[1:]).all()
-    excess = proven[slices[1:]] / funnel.rho[1:] - 1.0
+    flown = pendulum["flown"]
+    assert flown and flown.left == 0 and 0.98 < flown.highest[-1] < 0.985
+    excess = proven[slices[1:]] / bounded[1:] - 1.0
     assert excess.min() > 0.0
     assert 0.0008 < excess.max() < 0.0012
 
@@ -203,15 +205,30 @@ def test_funnel_example_bounds_the_pendulum_itself(pendulum):
     ends = np.array([swing(pendulum, start, wind) for start, wind in zip(corner, [-1, 1] * 3, strict=True)])
     observed = []
     monte_carlo.fly(
-        pendulum["loop"],
-        pendulum["shapes"],
+        pendulum["proven"].loop,
+        pendulum["proven"].shapes,
         corner,
         np.tile([[-1.0], [1.0]], (3, 1)),
         observer=lambda node, deviation, disturbance: observed.append(deviation),
     )
     np.testing.assert_allclose(ends, observed[-1].T, atol=1e-6)
-    shape = pendulum["shapes"][-1]
-    assert (np.einsum("mi,ij,mj->m", ends, shape, ends) / 2 < pendulum["proven_level"][-1]).all()
+    shape = pendulum["proven"].shapes[-1]
+    assert (np.einsum("mi,ij,mj->m", ends, shape, ends) / 2 < pendulum["proven"].levels[-1]).all()
+
+
+def test_funnels_have_as_many_samples_as_the_page_on_methods_says():
+    page = (ROOT / "docs/examples/which_method.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d), (\d) \| ([\d,]+) \| ([\d,]+) \|$", page, re.MULTILINE)
+    assert len(rows) == 5
+    for row in rows:
+        states, disturbances, bounded, proven = (int(number.replace(",", "")) for number in row)
+        assert Spheres((states, disturbances)).sample_count(2) == bounded
+        assert Spheres((states, disturbances + 1)).sample_count(2) == proven
+
+
+def test_funnel_example_says_what_it_covers(pendulum):
+    page = (ROOT / "docs/examples/funnel.md").read_text(encoding="utf-8")
+    assert f"```text\n{pendulum['proven'].covers}\n```" in page
 
 
 @pytest.fixture(scope="module")
