@@ -7,12 +7,15 @@
 Begin with `help(fly)`, which says what each argument may be, and `help(Flights)`: what may be asked of the result.
 
     what flies      `Entry`, `Lander`, or a `Model` of your own
-    where           `Planet`, `MARS`; air: `Exponential`, `Table`, and `Markov` for its variation
-    dispersions     `Normal`, `Uniform`, `MultivariateNormal`, in place of numbers of the start and the vehicle
+    where           `Planet`, `MARS`; air: `Exponential`, `Table`, `Profiles`, `Markov` for its variation, `Wind`
+    dispersions     `Normal`, `Uniform`, `MultivariateNormal`, in place of numbers of the start and the vehicle;
+                    correlations between both, or `Samples` of your own, as `together=`
     law             a function, a number, or a `GainTable`
+    actuator        limits of rate, lag and delay of `Entry` and `Lander`; `Actuator` of a `Model`
     navigation      `Senses` with an `Error` or `ThroughDrag` for what the law knows with errors
     end             `Below`, `Above`, or a function
     result          `Flights`; one flight of them is `OneFlight`
+    studies         `compare` and `sweep` for several cases; `Flights.save`, `load`
 
 `fly` is the front door of `montecarlo.flights`, the engine. Nothing is compiled before it is called.
 """
