@@ -54,6 +54,18 @@ def test_own_equations_fly_as_their_page_shows():
         np.testing.assert_allclose(own[name], entry[name], rtol=1e-9)
 
 
+def test_studies_show_what_their_page_shows(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where it keeps a study
+    names = run("studies.md", {})
+    # The next phase is a rocket in closed form, from where each trial ended.
+    few, descent, time, exhaust = names["few"].final, names["descent"], 20.0, 220.0 * 9.80665
+    flow, start = 4000.0 / exhaust, descent.drawn["start_mass"]
+    mass = start - flow * time
+    lifted = exhaust * (time - mass / flow * np.log(start / mass))
+    fallen = few["altitude"] - descent.final["altitude"]
+    np.testing.assert_allclose(fallen, 80.0 * time + 0.5 * 3.71 * time**2 - lifted, rtol=1e-6)
+
+
 def test_a_law_flies_as_its_page_shows_also_in_processes(tmp_path):
     (_, (law, _), *others) = blocks("guidance_law.md")
     flights = 'print("----")\n'.join(code for code, _ in others).replace(

@@ -80,6 +80,14 @@ def test_a_study_goes_on_in_another_session(kept, whole):
     assert done.stdout.strip() == np.ascontiguousarray(whole.numbers[:, :103]).tobytes().hex(), done.stderr
 
 
+def test_a_law_that_exec_defines_is_kept(tmp_path):
+    names = {}  # without the name of a module
+    exec("def law(speed):\n    return -0.1 * speed", names)
+    first = dropped(names["law"], 3, compiled=False, history=2.0)
+    first.save(tmp_path / "study.h5")
+    assert equal(load(tmp_path / "study.h5", law=names["law"], compiled=False), first)
+
+
 def test_other_readers_understand_the_file(kept, whole):
     xarray = pytest.importorskip("xarray")
     with xarray.open_dataset(kept, group="final") as final:

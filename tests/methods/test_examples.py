@@ -46,15 +46,31 @@ def test_every_example_is_tested():
     # These read a build: tests/results/test_results.py, tests/replication/universes/test_on_a_paper.py.
     elsewhere = {"results": 6, "universes": 1, "formats": 1, "using": 1}
     expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 2, "one_dynamics": 5}
-    expected |= {"guidance_law": 7, "own_equations": 3}  # in tests/fly/test_pages.py
+    expected |= {"guidance_law": 7, "own_equations": 3, "studies": 6}  # in tests/fly/test_pages.py
     assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
-    assert len(tested) == 4
+    assert len(tested) == 5
 
 
 def test_closed_form_example_meets_its_targets():
     steering = run("covariance_steering")["steering"]
     np.testing.assert_allclose(steering.mean[-1], 0.0, atol=1e-6)
     np.testing.assert_allclose(steering.covariance[-1], np.diag([1.0, 0.25]), atol=1e-6)
+
+
+def test_steering_example_prints_what_its_page_shows():
+    page = (ROOT / "docs/examples/steering.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"(?ms)^```text\n(.*?)^```$", page)
+    with redirect_stdout(StringIO()) as out:
+        names = run("steering")
+    number = re.compile(r"-?\d+\.\d+")
+    assert number.sub("", out.getvalue()).split() == number.sub("", shown).split()
+    # A solver's last digits may turn a flight or two.
+    np.testing.assert_allclose(
+        *([float(one) for one in number.findall(text)] for text in (out.getvalue(), shown)), rtol=0.01, atol=2e-3
+    )
+    law, flown = names["law"], names["flown"]
+    assert law.outcome == "converged" and (flown.limits["lower"] <= flown.limits["asked"]).all()
+    np.testing.assert_allclose(flown.goal["deviation flown"], flown.goal["deviation asked"], rtol=0.03)
 
 
 @pytest.fixture(scope="module")

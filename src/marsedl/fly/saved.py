@@ -140,7 +140,7 @@ def _source(kind):
 
     texts = []
     for function in helpers_of(kind[1]) if kind[0] in ("simple", "guide") else ():
-        if not function.__module__.startswith("marsedl."):
+        if not str(function.__module__).startswith("marsedl."):  # None of what `exec` defines
             try:
                 texts.append(inspect.getsource(function))
             except OSError:
