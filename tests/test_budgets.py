@@ -23,7 +23,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_320,
 }
-LINES = 40_977  # of tests
+LINES = 41_013  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
