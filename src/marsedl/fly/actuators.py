@@ -198,47 +198,94 @@ def _checked(name, said, actuator, factor, vehicle, pace):
 # ---- motion ----------------------------------------------------------------------------------------------------------
 
 
-class Slot(NamedTuple):
-    """Where an actuator was when guidance was asked at last, and where it goes."""
+class Leg(NamedTuple):
+    r"""Part of a motion in which y has a constant acceleration. Seconds s after it began there flies
 
-    position: float  # y
-    speed: float  # of y
-    value: float  # x, behind the lag
-    target: float
-    saturated: float  # guidance periods in which the command was beyond its limits
+        $x = \mathrm{settled} + \mathrm{speed} s + \mathrm{half} s^2 + \mathrm{apart} e^{-s / \tau}$
+
+    Guidance plans the legs of a motion once a period, so that `rates` has to evaluate one of them only. For the first
+    three terms, z, the lag is over: $y = z + \tau \dot z$.
+    """
+
+    begin: float  # s
+    settled: float
+    speed: float
+    half: float  # of the acceleration
+    apart: float  # x - settled, where the leg begins
+
+
+def _held(kind):
+    """Names of the numbers of each leg of a motion that are not always zero; on the last one y rests."""
+    rests = ["begin", "settled", *["apart"] * kind.lags]
+    if kind.accelerated:
+        return [[*rests, "speed", "half"]] * 3 + [rests]
+    return [[*rests, "speed"], rests] if kind.rated else [rests]
 
 
 @inlined
-def _after(place, speed, acceleration, seconds):
-    """Where a uniformly accelerated motion is."""
-    return place + seconds * (speed + 0.5 * acceleration * seconds)
-
-
-@inlined
-def _lagging(value, lag, place, speed, acceleration, seconds):
-    """Where that is which lags behind a uniformly accelerated motion."""
+def _leg(begin, place, speed, acceleration, value, lag):
+    """The leg that begins with this y (place), its speed and acceleration, and this x (value)."""
     behind = speed - lag * acceleration
     settled = place - lag * behind
-    faded = seconds / lag
-    left = exponential(-(faded if faded < 700.0 else 700.0))  # of which less is as good as nothing
-    return _after(settled, behind, acceleration, seconds) + (value - settled) * left
+    return Leg(begin, settled, behind, 0.5 * acceleration, value - settled)
+
+
+@inlined
+def _moving(leg, lag, time):
+    """Where y is on a leg, and its speed."""
+    seconds = time - leg.begin
+    behind = leg.speed + 2.0 * leg.half * seconds
+    settled = leg.settled + seconds * (leg.speed + leg.half * seconds)
+    return settled + lag * behind, behind + 2.0 * lag * leg.half
+
+
+@inlined
+def _later(leg, following, time):
+    """The leg that follows another, once it has begun."""
+    begun = time >= following.begin
+    return Leg(
+        following.begin if begun else leg.begin,
+        following.settled if begun else leg.settled,
+        following.speed if begun else leg.speed,
+        following.half if begun else leg.half,
+        following.apart if begun else leg.apart,
+    )
 
 
 @lru_cache(64)
-def motion(rated, accelerated, lags):
-    """Function of a `Slot`, `Numbers` and seconds: y, its speed and x then, and how many seconds y takes in all."""
+def _flown(accelerated, lags):
+    """Function of a leg, the lag and the time: x."""
 
-    # Legs of a motion: speed at first, acceleration, speed of the cruise; seconds of gaining speed, cruise and braking.
-    def at_once(place, speed, target, numbers):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    def flown(leg, lag, time):
+        seconds = time - leg.begin
+        speed = leg.speed + leg.half * seconds if accelerated else leg.speed
+        settled = leg.settled + seconds * speed
+        if not lags:
+            return settled
+        faded = seconds * (1.0 / lag)
+        left = exponential(-(faded if faded < 700.0 else 700.0))  # of which less is as good as nothing
+        return settled + leg.apart * left
 
-    def by_rate(place, speed, target, numbers):
-        ahead = abs(target - place)
-        return 0.0, 0.0, numbers.rate if target >= place else -numbers.rate, 0.0, ahead / numbers.rate, 0.0
+    return inlined(flown)
 
-    def by_acceleration(place, speed, target, numbers):
+
+@lru_cache(64)
+def _planner(rated, accelerated, lags):
+    """Function of time, y, its speed, x, target and `Numbers`: legs of the motion, and how many seconds y moves."""
+    flown = _flown(accelerated, lags)
+
+    def at_once(time, place, speed, value, target, numbers):
+        return (_leg(time, target, 0.0, 0.0, value, numbers.lag),), 0.0
+
+    def by_rate(time, place, speed, value, target, numbers):
+        lag, lasts = numbers.lag, abs(target - place) / numbers.rate
+        going = _leg(time, place, numbers.rate if target >= place else -numbers.rate, 0.0, value, lag)
+        end = time + lasts
+        return (going, _leg(end, target, 0.0, 0.0, flown(going, lag, end), lag)), lasts
+
+    def by_acceleration(time, place, speed, value, target, numbers):
         """In the shortest time: to a cruise, and down from it, in the direction in which it is not where it stops."""
-        largest = numbers.acceleration
+        lag, largest = numbers.lag, numbers.acceleration
         side = 1.0 if target - place - 0.5 * speed * abs(speed) / largest >= 0.0 else -1.0
         ahead, begun = side * (target - place), side * speed
         squared = largest * ahead + 0.5 * begun * begun
@@ -248,55 +295,40 @@ def motion(rated, accelerated, lags):
         level = ahead - (cruise * cruise - 0.5 * begun * begun) / largest
         level = level / cruise if level > 0.0 and cruise > 0.0 else 0.0
         gaining, braking = (cruise - begun) / largest, (cruise if cruise > 0.0 else 0.0) / largest
-        return speed, side * largest, side * cruise, gaining, level, braking
 
-    legs = inlined(by_acceleration if accelerated else by_rate if rated else at_once)
-    moves = rated or accelerated
+        acceleration, cruise = side * largest, side * cruise
+        gains = _leg(time, place, speed, acceleration, value, lag)
+        place, end = place + gaining * (speed + 0.5 * acceleration * gaining), time + gaining
+        cruises = _leg(end, place, cruise, 0.0, flown(gains, lag, end), lag)
+        place, end = place + level * cruise, end + level
+        brakes = _leg(end, place, cruise, -acceleration, flown(cruises, lag, end), lag)
+        end = end + braking
+        rests = _leg(end, target, 0.0, 0.0, flown(brakes, lag, end), lag)
+        return (gains, cruises, brakes, rests), gaining + level + braking
 
-    def moved(slot, numbers, seconds):
-        place, value, target, lag = slot.position, slot.value, slot.target, numbers.lag
-        speed, acceleration, cruise, gaining, level, braking = legs(place, slot.speed, target, numbers)
-        whole = gaining + level + braking
-        if accelerated:
-            passed = clip(seconds, 0.0, gaining)
-            value = _lagging(value, lag, place, speed, acceleration, passed) if lags else value
-            place, speed = _after(place, speed, acceleration, passed), speed + acceleration * passed
-        if moves:
-            passed = clip(seconds - gaining, 0.0, level)
-            value = _lagging(value, lag, place, cruise, 0.0, passed) if lags else value
-            place = _after(place, cruise, 0.0, passed)
-        if accelerated:
-            passed = clip(seconds - gaining - level, 0.0, braking)
-            value = _lagging(value, lag, place, cruise, -acceleration, passed) if lags else value
-            place, speed = _after(place, cruise, -acceleration, passed), speed - acceleration * passed
-        rests = seconds >= whole
-        place = target if rests else place
-        speed = speed if accelerated and not rests else 0.0
-        value = _lagging(value, lag, target, 0.0, 0.0, seconds - whole) if lags and rests else value
-        return place, speed, value if lags else place, whole
-
-    return inlined(moved)
+    return inlined(by_acceleration if accelerated else by_rate if rated else at_once)
 
 
 @lru_cache(64)
 def _stepper(kind):
-    """Function that tells an actuator at a call of guidance what it goes to now: its next `Slot`."""
-    moved = motion(kind.rated, kind.accelerated, kind.lags)
+    """Function that tells an actuator at a call of guidance what it goes to now.
+
+    It returns the legs of the motion, and in how many guidance periods the command was beyond its limits.
+    """
+    plan, flown = _planner(kind.rated, kind.accelerated, kind.lags), _flown(kind.accelerated, kind.lags)
     off, starts = kind.off, kind.starts
 
-    def step(first, arrives, seconds, wanted, low, high, slot, numbers):
+    def step(first, arrives, time, wanted, low, high, leg, target, saturated, numbers):
         allowed = clip(wanted, low, high)
         allowed = 0.0 if off and wanted == 0.0 else allowed
         rest = numbers.start if starts else allowed
-        place, speed, value, _ = moved(slot, numbers, seconds)
-        target = allowed if arrives else slot.target
+        (place, speed), value = _moving(leg, numbers.lag, time), flown(leg, numbers.lag, time)
+        target = allowed if arrives else target
         target = rest if first and not arrives else target
         place, speed, value = (rest, 0.0, rest) if first else (place, speed, value)
-        going = Slot(place, speed, value, target, 0.0)
-        _, _, _, whole = moved(going, numbers, 0.0)
-        limited = arrives and (allowed != wanted or whole > numbers.period * (1.0 + 1e-9))
-        counted = (0.0 if first else slot.saturated) + (1.0 if limited else 0.0)
-        return Slot(place, speed, value, target, counted)
+        legs, lasts = plan(time, place, speed, value, target, numbers)
+        limited = arrives and (allowed != wanted or lasts > numbers.period * (1.0 + 1e-9))
+        return legs, (0.0 if first else saturated) + (1.0 if limited else 0.0)
 
     return inlined(step)
 
@@ -340,8 +372,8 @@ class _Actuated:
         self.plain, self.memory = get_args(hints(self.law)["return"])
         self.names, self.moved = self.plain._fields, [kind.name for kind in kinds]
         self.within = any(kind.within for kind in kinds)
-        slots = [f"{part}_of_{name}" for name in self.moved for part in Slot._fields]
-        self.command = namedtuple("Actuated", [*(f"commanded_{name}" for name in self.names), *slots, "since"])
+        motions = [part for kind in kinds for part in [*_parts(kind), f"saturated_of_{kind.name}"]]
+        self.command = namedtuple("Actuated", [*(f"commanded_{name}" for name in self.names), *motions])
         self.commanded = f"Command({', '.join(f'command.commanded_{name}' for name in self.names)})"
         self.flown = f"flown(time, command, p{', vehicle' if coordinates else ''})"
         self.asks = ["time", "command", "p", *(["vehicle"] if coordinates else [])]
@@ -367,11 +399,10 @@ class _Actuated:
 
     def _flown(self):
         """Function of what `asks` says: the command that is flown."""
-        lines, space = ["seconds = time - command.since"], {"Slot": Slot, "Command": self.plain}
+        lines, space = [], {"Leg": Leg, "later": _later, "Command": self.plain}
         for row, kind in enumerate(self.kinds):
-            space[f"motion_{row}"] = motion(kind.rated, kind.accelerated, kind.lags)
-            moved = f"motion_{row}({_slot('command', kind.name)}, p.actuators[{row}], seconds)"
-            lines.append(f"_, _, now_{kind.name}, _ = {moved}")
+            space[f"flown_{row}"] = _flown(kind.accelerated, kind.lags)
+            lines.append(f"now_{kind.name} = flown_{row}({_leg_now('command', kind)}, p.actuators[{row}].lag, time)")
         values = (f"now_{name}" if name in self.moved else f"command.commanded_{name}" for name in self.names)
         result = f"Command({', '.join(values)})"
         if self.coordinates:
@@ -406,8 +437,8 @@ class _Actuated:
         remembered = [*(f"law_{name}" for name in own), *self.command._fields, *late]
         defaults = [*getattr(self.memory, "_field_defaults", {}).values(), *[0.0] * (len(remembered) - len(own))]
         Memory = namedtuple("Memory", remembered, defaults=defaults)
-        space = {"guide": self.law, "LawMemory": self.memory, "Slot": Slot, "Memory": Memory, "only": _only}
-        space |= {"Command": self.plain, "Actuated": self.command}
+        space = {"guide": self.law, "LawMemory": self.memory, "Memory": Memory, "only": _only}
+        space |= {"Leg": Leg, "later": _later, "Command": self.plain, "Actuated": self.command}
 
         kept = f"LawMemory({', '.join(f'memory.law_{name}' for name in own)})"
         arguments = ", ".join(kept if name == "memory" and own else name for name in asked)
@@ -416,7 +447,7 @@ class _Actuated:
         for part, members in names.items():
             for row, name in enumerate(members):
                 asks_law.append(f"{name} = 1.0 * {f'only({part})' if len(members) == 1 else f'{part}[{row}]'}")
-        lines = ["begins = share == 0.0", "first = begins and cycle == 0", "seconds = time - memory.since"]
+        lines = ["begins = share == 0.0", "first = begins and cycle == 0"]
         if self.within:  # the law is not asked where a delayed command arrives
             lines += ["if begins:", *(f"    {line}" for line in asks_law), "else:"]
             lines += [f"    {name} = memory.{name}" for members in names.values() for name in members]
@@ -431,8 +462,7 @@ class _Actuated:
         for row, kind in enumerate(self.kinds):
             space[f"step_{row}"] = _stepper(kind)
             lines += _step(row, kind, wanted[kind.name])
-        slots = [f"slot_{row}.{part}" for row in range(len(self.kinds)) for part in Slot._fields]
-        commanded = ", ".join([*names["command"], *slots, "time"])
+        commanded = ", ".join([*names["command"], *self.command._fields[len(self.names) :]])
         members = ", ".join([*names["remembered"], commanded, *(f"new_{name}" for name in late)])
         lines.append(f"return Actuated({commanded}), Memory({members})")
         limits = ["vehicle"] if any(kind.low or kind.high for kind in self.kinds) else []
@@ -449,8 +479,19 @@ class _Actuated:
         return _text(["time", "p"], [*lines, f"return {' or '.join(due)}"], bool, np=np)
 
 
-def _slot(of, name):
-    return f"Slot({', '.join(f'{of}.{part}_of_{name}' for part in Slot._fields)})"
+def _parts(kind):
+    """Names of the numbers of all legs of an actuator."""
+    return [f"{part}_{n}_of_{kind.name}" for n, parts in enumerate(_held(kind)) for part in parts]
+
+
+def _leg_now(of, kind):
+    """Text: the leg on which an actuator is now, of the numbers that `command` or `memory` holds."""
+    now = ""
+    for n, held in enumerate(_held(kind)):
+        parts = (f"{of}.{part}_{n}_of_{kind.name}" if part in held else "0.0" for part in Leg._fields)
+        leg = f"Leg({', '.join(parts)})"
+        now = f"later({now}, {leg}, time)" if n else leg
+    return now
 
 
 def _step(row, kind, wanted):
@@ -464,8 +505,13 @@ def _step(row, kind, wanted):
     arrives = f"abs(share - {numbers}.share) < {_SAME}" if kind.within else "begins"
     low = f"vehicle.{kind.low}" if kind.low else f"{numbers}.low"
     high = f"vehicle.{kind.high}" if kind.high else f"{numbers}.high"
-    step = f"first, {arrives}, seconds, late_{row}_{length}, {low}, {high}, {_slot('memory', name)}, {numbers}"
-    return [*lines, f"slot_{row} = step_{row}({step})"]
+    last = len(_held(kind)) - 1
+    goes = f"{_leg_now('memory', kind)}, memory.settled_{last}_of_{name}, memory.saturated_of_{name}"
+    told = f"first, {arrives}, time, late_{row}_{length}, {low}, {high}, {goes}, {numbers}"
+    lines.append(f"legs_{row}, saturated_of_{name} = step_{row}({told})")
+    for n, held in enumerate(_held(kind)):
+        lines += [f"{part}_{n}_of_{name} = legs_{row}[{n}].{part}" for part in held]
+    return lines
 
 
 def _text(asked, lines, returns, like=None, **names):
