@@ -154,7 +154,7 @@ MISUSES = [
         r"\('velocity', 'ballistic_coefficient'\) is 2; a correlation lies between -1 and 1",
     ),
     (CAPSULE, ERRORS, {BOTH: np.eye(3)}, r"give a matrix of 2 x 2 correlations or a number"),
-    (CAPSULE, ERRORS, {BOTH: "high"}, r"is 'high'; give a matrix of 2 x 2 correlations or a number"),
+    (CAPSULE, ERRORS, {BOTH: "high"}, r"is 'high': give numbers"),
     (CAPSULE, ERRORS, {BOTH: [[100.0, 4.0], [4.0, 4.0]]}, r"the diagonal holds \[100. +4.\]; give correlations"),
     (CAPSULE, ERRORS, {BOTH: [[1.0, 0.2], [0.3, 1.0]]}, r"the correlations are not symmetric"),
     (
