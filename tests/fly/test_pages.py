@@ -87,7 +87,7 @@ def test_the_page_tells_what_laws_are_told_and_command(vehicle, quantities, plac
     table = re.findall(r"(?m)(?:^\|.*\n)+", page)[place]
     rows = re.findall(r"(?m)^\| `(\w+)` \| (\S+) \| (.+) \|$", table)
     flight = vehicle.model().flight
-    names = [*laws.told_by(flight)._fields, *laws._command_of(flight)._fields]
+    names = [*laws.told_by(flight)._fields, *laws.command_of(flight)._fields]
     assert rows == [(name, *quantities[name]) for name in names]
 
 

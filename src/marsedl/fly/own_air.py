@@ -89,7 +89,7 @@ class Profiles:
         at_nodes = altitude[0] + spacing * np.arange(nodes)
         variations = self.columns[:, 1:] / mean - 1.0
 
-        def sample(seed, trials, first_stream, only=None):
+        def sample(seed, trials, first_stream=0, only=None):
             require(
                 trials[-1] < variations.shape[1],
                 f"there are {variations.shape[1]:,} profiles of air, and trial {trials[-1]:,} is asked for: fly fewer "
@@ -109,7 +109,7 @@ def varied(markov) -> OwnAir:
         float(markov.bottom),
         float(markov.spacing),
         count,
-        lambda seed, trials, first_stream, only=None: process(markov, first_stream + AIR, seed, trials, only),
+        lambda seed, trials, first_stream=0, only=None: process(markov, first_stream + AIR, seed, trials, only),
         (("air", AIR, count),),
     )
 
@@ -170,7 +170,7 @@ class Wind:
         at_nodes = [np.broadcast_to(np.asarray(mean(altitudes), float), count) for mean, _ in means]
         require(np.isfinite(at_nodes).all(), "wind: its mean is not finite at all altitudes; give m/s")
 
-        def sample(seed, trials, first_stream, only=None):
+        def sample(seed, trials, first_stream=0, only=None):
             values = np.repeat(np.reshape(at_nodes, (-1, 1)), len(trials), axis=1)
             for row, stream in enumerate((ZONAL, MERIDIONAL) if self.variation else ()):
                 varied = process(self.variation, first_stream + stream, seed, trials, only)

@@ -30,7 +30,7 @@ class Unflown:
         """All that questions need. why: sentence on what is missing. counting: outcomes that count in statistics."""
         self.why, self.seed, self.truth, self.counting, self.names = why, seed, truth, counting, names
         self.model = SimpleNamespace(quantities=quantities)
-        self.recorded, self.times, self.stored, self.history = drawn, times, stored, None
+        self.recorded, self.times, self.stored, self.history, self.before = drawn, times, stored, None, None
 
     def final(self, numbers):
         """Final numbers by name."""
