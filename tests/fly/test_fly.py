@@ -527,6 +527,14 @@ def test_a_law_whose_annotations_are_strings_may_stand_within_a_function(returne
     assert space["law_of_a_test"]().flight().parts["memory"]._fields == ("sign",)
 
 
+def test_flights_are_bound_once(monkeypatch):
+    """Binding checks and digests all of them, which every flight would wait for again."""
+    bound, bind = [], Campaign.__init__
+    monkeypatch.setattr(Campaign, "__init__", lambda self, *given: bound.append(given) or bind(self, *given))
+    fly(PROBE, start={"altitude": 500.0}, law=guide, end_time=8.0, trials=2, compiled=False)
+    assert len(bound) == 1
+
+
 def test_a_law_that_remembers_asks_by_name_as_one_that_does_not():
     def told_all(sensed, memory, time) -> tuple[Push, Memory]:
         return Push(0.1 * sensed.speed - 1e-3 * time), Memory(memory.error + sensed.altitude)

@@ -7,7 +7,6 @@ import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from copy import copy
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from traceback import walk_stack
@@ -199,8 +198,12 @@ class Campaign:
 
     def perturbed(self, only):
         """These flights with one normal that is not zero in each trial: its stream, number and value, (3, trials)."""
+        return self._with(only=only, history=None)
+
+    def _with(self, **changed):
+        """The same flights but for these attributes; nothing is bound again."""
         other = object.__new__(Campaign)
-        vars(other).update(vars(self), only=only, history=None)
+        vars(other).update(vars(self), **changed)
         return other
 
     def _only(self, trials):
@@ -306,9 +309,10 @@ class Campaign:
 
     def _without_actuators(self):
         """The same flights without actuators, if they store the command: there what a law returns is looked at."""
-        plain = copy(self)
-        plain.actuators = actuators.Bound()
-        if not self.actuators.kinds or not {*plain.commands} <= {*plain.flight().parts["stored"]._fields}:
+        if not self.actuators.kinds:
+            return self
+        plain = self._with(actuators=actuators.Bound())
+        if not {*plain.commands} <= {*plain.flight().parts["stored"]._fields}:
             return self
         plain.reached = plain._reached()
         return plain
