@@ -21,7 +21,7 @@ from marsedl.replication.report.front_page import badge, words
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)]
-LIBRARIES = ("fly", "methods", "models", "montecarlo", "replication")
+LIBRARIES = ("design", "fly", "methods", "models", "montecarlo", "replication")
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,7 @@ def test_every_module_of_the_library_imports_with_what_it_requires_alone():
         from importlib import import_module
         from pkgutil import walk_packages
         import marsedl
-        for wing in ("models", "methods", "montecarlo", "fly"):
+        for wing in ("models", "methods", "montecarlo", "fly", "design"):
             for module in walk_packages([f"{marsedl.__path__[0]}/{wing}"], f"marsedl.{wing}."):
                 import_module(module.name)
                 print(module.name)

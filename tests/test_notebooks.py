@@ -65,10 +65,13 @@ def test_an_ensemble_is_known_better_flight_by_flight(run, tree):
 
 def test_linear_theory_predicts_the_flights_of_an_own_vehicle(run):
     names = run("an_own_vehicle")
-    rows = pd.DataFrame(names["rows"])
-    np.testing.assert_allclose(rows.loc["predicted (km)"], rows.loc["flown (km)"], rtol=0.1)
-    assert rows.loc["flown (km)", "Apollo"] < 0.1 * rows.loc["flown (km)", "none"]
-    for name, flights in names["flown"].items():  # along the whole flight, as the figure shows
-        sampled = flights["range_history"].std("trial", ddof=1)
+    rows = pd.DataFrame(names["rows"]).T
+    np.testing.assert_allclose(rows["predicted (km)"], rows["flown (km)"], rtol=0.1)
+    assert rows.loc["Apollo", "flown (km)"] < 0.1 * rows.loc["none", "flown (km)"]
+    distance = (rows["flown (km)"] - rows["predicted (km)"]) / rows["standard error (km)"]
+    assert distance["Apollo"] > 3.0 and distance.drop("Apollo").abs().max() < 2.0  # as the page explains
+    assert 30.0 < rows.loc["Apollo", "cut (%)"] < 40.0 and rows.loc["Apollo, half the errors", "cut (%)"] < 5.0
+    for name in ("none", "Apollo"):  # along the whole flight, as the figure shows
+        sampled = names["flown"][name]["range_history"].std("trial", ddof=1)
         predicted = np.sqrt(names["predicted"][name].covariance[:, 3, 3])
         np.testing.assert_allclose(predicted, sampled, rtol=0.1, atol=50.0)

@@ -109,7 +109,11 @@ def chooses(law) -> tuple[Push, Nothing]:
     return Push(0.0), ()
 
 
-def is_late(time) -> bool:
+def is_late(time, law) -> bool:
+    return time > law.push
+
+
+def is_over(time) -> bool:
     return time > 1.0
 
 
@@ -132,6 +136,7 @@ def test_what_does_not_fit_into_words_stays_within_the_kernel():
     for law in ((None,), ("steep",), (1j,), (np.zeros(2, complex),)):
         assert not is_addressed(flight, (), law)
     assert not is_addressed(Flight(rates, guide=chooses, interrupts=is_late), (), ())
+    assert is_addressed(Flight(rates, guide=chooses, interrupts=is_over), (), ())
     assert not is_addressed(Flight(rates), (), ())
 
 

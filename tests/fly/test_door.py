@@ -1,5 +1,6 @@
 """What the door of flights refuses, tells and counts: nothing that is given is silently another flight."""
 
+import hashlib
 import warnings
 from dataclasses import replace
 from functools import partial
@@ -25,6 +26,7 @@ from marsedl.fly import (
     Planet,
     Table,
     Uniform,
+    Wind,
     fly,
 )
 from marsedl.fly.declared import declare
@@ -263,7 +265,15 @@ def test_what_is_drawn_beyond_its_bounds_is_refused_with_how_many_before_anythin
 def test_a_dispersion_is_refused_by_name_where_none_is_offered():
     wide = Normal(1.0, 0.1)
     for call, told in (
-        (lambda: Entry(115.0, planet=MARS._replace(radius=Normal(3389.5e3, 1.0))), r"planet\.radius is Normal\("),
+        (lambda: Entry(115.0, planet=wide), r"planet is Normal\("),
+        (lambda: Entry(115.0, air=wide), r"air is Normal\("),
+        (lambda: Entry(115.0, variation=wide), r"variation is Normal\("),
+        (lambda: Entry(115.0, nodes=wide), r"nodes is Normal\("),
+        (lambda: Entry(115.0, ground=wide), r"ground is Normal\("),
+        (lambda: Entry(115.0, wind=wide), r"wind is Normal\("),
+        (lambda: Entry(115.0, wind=Wind(zonal=wide)), r"wind: zonal is Normal\("),
+        (lambda: Entry(115.0, wind=Wind(variation=wide)), r"wind: variation is Normal\("),
+        (lambda: Entry(115.0, air=Table([[0.0, wide], [1e5, 1e-9]])), r"the table of air is \[\[0.0, Normal\("),
         (lambda: Entry(115.0, air=Exponential(scale_height=wide)), r"Exponential\.scale_height is Normal\("),
         (lambda: Entry(115.0, variation=Markov(wide, 5e3)), r"Markov\.deviation is Normal\("),
         (lambda: Entry(115.0, variation=Markov(0.1, Uniform(1.0, 2.0))), r"Markov\.correlation_length is Uniform\("),
@@ -272,6 +282,10 @@ def test_a_dispersion_is_refused_by_name_where_none_is_offered():
             fly(call(), START, **ENTERS)
     with pytest.raises(ValueError, match=r"law\.gain is Normal\("):
         dropped({"altitude": 500.0}, law=partial(push, law=Gain(wide)))
+    with pytest.raises(ValueError, match=r"law is Normal\("):
+        dropped({"altitude": 500.0}, law=partial(push, law=wide))
+    with pytest.raises(ValueError, match=r"the gain table: column 'altitude' is \[0.0, Normal\("):
+        GainTable({"altitude": [0.0, wide], "up": [1.0, 1.0]}, against="altitude")
     with pytest.raises(ValueError, match=r"Lander\.gravity is Normal\("):
         fly(Lander(9e3, 220.0, gravity=wide), LANDED, end_time=1.0)
     with pytest.raises(TypeError):
@@ -417,7 +431,6 @@ def test_results_hold_the_state_and_what_is_sensed_under_names_of_its_own(drops)
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"seed": 2**63}, r"seed is 9223372036854775808; give a whole number from 0 to"),
         ({"seed": -1}, r"seed is -1; give"),
         ({"seed": None}, r"seed is None; give"),
         ({"seed": 1.5}, r"seed is 1.5; give"),
@@ -440,12 +453,18 @@ def test_arguments_are_looked_at_where_they_are_given(options, told):
     assert "\n" not in str(error.value)
 
 
-def test_numbers_of_numpy_are_numbers_and_seeds_may_be_large():
+def test_numbers_of_numpy_are_numbers_and_seeds_may_be_of_any_size():
     start, options = {"altitude": Normal(500.0, 9.0)}, {"trials": 2, "end_time": np.float32(60.0)}
     constants = [
         dropped(start, law=law, seed=2**63 - 1, **options).numbers for law in (1.0, np.float32(1.0), np.int64(1))
     ]
     assert (constants[0] == constants[1]).all() and (constants[0] == constants[2]).all()
+    starts = {seed: dropped(start, seed=seed, **options) for seed in (2**63 - 1, 2**63, np.uint64(2**63), 2**100)}
+    assert len({flights.drawn["start_altitude"][1] for flights in starts.values()}) == 3
+    hashed = int(hashlib.sha256(str(2**100).encode()).hexdigest()[:16], 16)
+    key = int.from_bytes(hashed.to_bytes(8, "big"), "little") // 2
+    assert starts[2**100].campaign.seed == key < 2**63
+    assert (dropped(start, seed=key, **options).numbers == starts[2**100].numbers).all()
 
 
 @pytest.mark.parametrize(
@@ -498,12 +517,23 @@ def test_questions_to_flights_are_looked_at(drops):
 def test_until_says_what_it_takes_and_keeps_what_is_flown(drops):
     with pytest.raises(ValueError, match=r"an interval of p99.9 takes 10,000 flights; at_most is 5,000"):
         drops.until("p99.9 of bias within 5 %", at_most=5000)
-    with pytest.raises(
-        ValueError, match=r"by 2,000 flights: the half-width is .* m, wanted .* m; of a value of .* m ask"
-    ) as error:
-        drops.until("p50 of bias within 0.1 %", at_most=2000)
-    assert error.value.flights.trials == 2000
-    assert (error.value.flights.numbers[:, :1000] == drops.numbers).all()
+    goal = "p50 of end_time within 1e-6 %"
+    told = r"not reached after 2 looks: the half-width is .* s: wanted is .* s; of a value of .* s ask for a width in s"
+    with pytest.warns(UserWarning, match=told):
+        more = drops.until(goal, at_most=2000)
+    assert more.trials == 2000 and (more.numbers[:, :1000] == drops.numbers).all()
+    assert (more.search.goal, more.search.reached, more.search.looks) == (goal, False, 2)
+    assert f"{goal!r} is not reached after 2 looks" in repr(more)
+    assert more.percentiles("end_time", 50)["note"].iloc[0] == "`until` looked 2 times"
+    assert more.extended(2001).search is None, "a number chosen beforehand"
+
+
+def test_until_tells_that_no_percentage_can_be_had_about_zero(drops):
+    centred = drops.with_quantity("off", lambda known: known["bias"] - np.median(drops.final["bias"]), "m")
+    with pytest.warns(UserWarning, match=r"about zero a percentage takes more than 1,000,000 flights: ask for a wid"):
+        told = centred.until("p50 of off within 1 %")
+    assert told.trials == 1000 and not told.search.reached
+    assert centred.until("p50 of off within 1e3 m").search.reached
 
 
 @pytest.mark.parametrize(("count", "confidence"), [(5, 0.95), (2, 0.9), (30, 0.95)])
@@ -532,3 +562,21 @@ def test_three_errors_of_a_percentile_hold_it_at_the_edge_of_its_tail(count, lev
     assert beyond < 0.0027 + 3 * np.sqrt(0.0027 / 4000)
     for few in (199, 200):  # an error, or an interval: both or neither
         assert np.isnan(percentile(samples[0, :few], 0.95)[1]) == np.isnan(order_interval(samples[0, :few], 0.95)[0])
+
+
+def test_flights_end_by_their_energy_which_laws_are_told():
+    def energy(numbers):
+        return numbers["velocity"] ** 2 / 2.0 - MARS.gravitational_parameter / (MARS.radius + numbers["altitude"])
+
+    options = {"end_time": 300.0, "trials": 1, "compiled": False, "substeps": 2}
+    still, start = MARS._replace(rotation_rate=0.0), START | {"altitude_km": 60.0}
+    conserved = fly(Entry(115.0, planet=still, air=None), start, law=0.0, **options | {"end_time": 20.0}).final
+    begun = {"velocity": 5500.0, "altitude": 60e3}
+    np.testing.assert_allclose(conserved["energy"], energy(begun), rtol=1e-9)
+    braked = fly(Entry(115.0), start, law=lambda energy: 1.0 if energy > 1e6 else -1.0, history=1.0,
+                 trigger=Below("energy", -1e6), **options)  # fmt: skip
+    assert braked.outcomes() == {"ended: energy below -1e+06": 1}
+    np.testing.assert_allclose(energy(braked.final), -1e6, atol=1e-3)
+    history = braked.to_xarray().isel(trial=0).dropna("time")
+    assert (history["bank_history"] == np.where(history["energy_history"] > 1e6, 1.0, -1.0)).all()
+    assert history["energy_history"].attrs["units"] == "m^2/s^2" and (history["bank_history"] < 0.0).any()

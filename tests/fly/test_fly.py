@@ -286,8 +286,9 @@ def test_until_adds_flights_until_the_interval_is_narrow(flights):
     row = more.percentiles("range_km", 99).iloc[0]
     assert more.trials in (1000, 2000) and row["upper"] - row["lower"] <= 5.0
     assert (more.numbers == flights.numbers[:, : more.trials]).all()
-    with pytest.raises(ValueError, match=r"is not reached by 1,000 flights: "):
-        few.until("p99 of range within 1 m", at_most=1000)
+    assert more.search.reached and more.search.looks == {1000: 2, 2000: 3}[more.trials]
+    with pytest.warns(UserWarning, match=r"is not reached after 2 looks: the half-width is .* m: wanted are 1 m"):
+        assert few.until("p99 of range within 1 m", at_most=1000).trials == 1000
 
 
 def test_arrays_are_labelled(flights):
@@ -524,6 +525,14 @@ def test_a_law_whose_annotations_are_strings_may_stand_within_a_function(returne
     space = {"bind": lambda law: Campaign(Entry(115.0), START, law, None, 420.0, 1.0, 4, None, 0)}
     exec(LOCAL.format(returned=returned, given="return bind(law)"), space)
     assert space["law_of_a_test"]().flight().parts["memory"]._fields == ("sign",)
+
+
+def test_flights_are_bound_once(monkeypatch):
+    """Binding checks and digests all of them, which every flight would wait for again."""
+    bound, bind = [], Campaign.__init__
+    monkeypatch.setattr(Campaign, "__init__", lambda self, *given: bound.append(given) or bind(self, *given))
+    fly(PROBE, start={"altitude": 500.0}, law=guide, end_time=8.0, trials=2, compiled=False)
+    assert len(bound) == 1
 
 
 def test_a_law_that_remembers_asks_by_name_as_one_that_does_not():

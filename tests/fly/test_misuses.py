@@ -149,7 +149,7 @@ MISUSES = [
     ({"trigger": "velocity < 480"}, r"trigger 'velocity < 480' is none: give Below\(name, value\), Above"),
     ({"period": -1.0}, r"period is -1.0 s; it must be positive"),
     ({"trials": 1e2}, r"trials must be a whole number of at least 1, got 100.0"),
-    ({"seed": 2**70}, r"seed is 1180591620717411303424; give a whole number from 0 to"),
+    ({"seed": -(2**70)}, r"seed is -1180591620717411303424; give a whole number that is not negative"),
 ]
 
 

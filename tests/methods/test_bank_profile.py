@@ -1,16 +1,14 @@
-import casadi
 import numpy as np
 import pytest
-from numba import njit
 
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine, ramped_bank_cosine_slope
+from three_ways import check_three_ways
 
 FAST, SLOW = np.cos(np.radians(75)), np.cos(np.radians(45))
 PROFILE = (5500.0, 2500.0, FAST, SLOW)
 
 
-@njit
-def compiled(velocity):
+def profile(velocity):
     return ramped_bank_cosine(velocity, *PROFILE), ramped_bank_cosine_slope(velocity, *PROFILE)
 
 
@@ -34,11 +32,4 @@ def test_slope_is_the_difference_quotient(velocity):
 
 
 def test_numba_casadi_and_numpy_agree():
-    casadi.GlobalOptions.setNumpyMode(-1)
-    velocity = np.linspace(500, 6000, 111)
-    broadcast = np.array([ramped_bank_cosine(velocity, *PROFILE), ramped_bank_cosine_slope(velocity, *PROFILE)])
-    symbol = casadi.SX.sym("velocity")
-    both = casadi.vertcat(ramped_bank_cosine(symbol, *PROFILE), ramped_bank_cosine_slope(symbol, *PROFILE))
-    traced = casadi.Function("profile", [symbol], [both]).map(len(velocity))(velocity[np.newaxis]).full()
-    np.testing.assert_allclose(traced, broadcast, rtol=1e-15)
-    np.testing.assert_allclose(np.array([compiled(v) for v in velocity]).T, broadcast, rtol=1e-15)
+    check_three_ways(profile, np.linspace(500, 6000, 111)[np.newaxis], rtol=1e-15, atol=0, scaled=False)

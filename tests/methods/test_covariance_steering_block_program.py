@@ -466,8 +466,10 @@ def test_unreachable_final_covariance_is_named_with_the_least_that_can_be_reache
     with pytest.raises(
         InfeasibleProgram,
         match=r"final covariance: the least reachable largest eigenvalue .* is 1\.84, must be <= 1",
-    ):
+    ) as error:
         solve(program)
+    assert error.value.margins[-1].value == pytest.approx(1.84, rel=1e-4)
+    np.testing.assert_allclose(error.value.law.covariance[-1], least, rtol=1e-4)
     with pytest.raises(InfeasibleProgram, match=r"is 1\.84, must"):
         solve(program, form="history")
     assert solve(replace(program, final_covariance=np.array([[least * 1.001]]))).status == "optimal"
@@ -490,6 +492,17 @@ def test_unreachable_final_covariance_is_named_with_the_least_that_can_be_reache
 def test_unreachable_constraints_are_named(changes, message):
     with pytest.raises(InfeasibleProgram, match=message):
         solve(double_integrator((), **changes))
+
+
+@pytest.mark.parametrize("form", ["innovations", "history"])
+def test_a_component_of_the_final_mean_may_be_free(form):
+    free = solve(double_integrator((), final_mean=np.array([0.6, np.nan])), form=form)
+    assert free.mean[-1, 0] == pytest.approx(0.6, abs=1e-7)
+    costs = [
+        solve(double_integrator((), final_mean=free.mean[-1] + [0.0, moved])).objective for moved in (0.0, 0.01, -0.01)
+    ]
+    assert costs[0] == pytest.approx(free.objective, rel=1e-6)
+    assert min(costs[1:]) > costs[0] * (1.0 + 1e-4)
 
 
 def test_solver_that_does_not_converge_is_an_error():

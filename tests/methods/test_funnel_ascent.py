@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
+from generators import generator
 from starts import maximize_from_random_starts as maximize
-
-
-def generator(seed):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def quadratic(seed, size):

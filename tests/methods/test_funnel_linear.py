@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from generators import generator
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import (
     additive_growth,
@@ -10,10 +11,6 @@ from marsedl.methods.funnels.linear import (
     slice_jacobians,
     whitened_step,
 )
-
-
-def generator(seed):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def unit(draw, *shape):

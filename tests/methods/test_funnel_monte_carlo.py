@@ -3,6 +3,7 @@ import pytest
 from scipy.stats import kstest
 
 from dubins_car import dubins
+from generators import generator
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import (
     fly,
@@ -13,10 +14,6 @@ from marsedl.methods.funnels.monte_carlo import (
 from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.variety import Spheres
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
-
-
-def generator(seed=1):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def around_zero(rates, time, dimension, disturbances):
@@ -43,12 +40,12 @@ def car(steps=400):
 
 
 def test_directions_are_uniform_on_the_sphere():
-    directions = Spheres((3,)).random_points(4000, generator())
+    directions = Spheres((3,)).random_points(4000, generator(1))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-14)
     # Archimedes: a coordinate of a uniform point of the sphere in space is uniform.
     for axis in ([1, 0, 0], [0, 0, 1], np.ones(3) / np.sqrt(3)):
         assert kstest(directions @ axis, "uniform", args=(-1, 2)).pvalue > 0.01
-    np.testing.assert_array_equal(directions, Spheres((3,)).random_points(4000, generator()))
+    np.testing.assert_array_equal(directions, Spheres((3,)).random_points(4000, generator(1)))
     angle = np.arctan2(*Spheres((2,)).random_points(4000, generator(2)).T)
     assert kstest(angle, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 0.01
 
@@ -56,7 +53,7 @@ def test_directions_are_uniform_on_the_sphere():
 def test_spread_directions_lie_on_the_boundary():
     factor = np.random.default_rng(1).standard_normal((6, 6)) * np.array([1e-3, 1e3, 1e3, 0.1, 100, 100])
     value_matrix = factor.T @ factor
-    directions = Spheres((6,)).random_points(300, generator())
+    directions = Spheres((6,)).random_points(300, generator(1))
     deviations = directions @ spread_of(value_matrix, 0.18).T
     values = np.einsum("mi,ij,mj->m", deviations, value_matrix, deviations) / 2
     np.testing.assert_allclose(values, 0.18, rtol=1e-12)
@@ -100,13 +97,13 @@ def test_the_greedy_adversary_drives_an_oscillator_in_resonance():
     assert 9 - late - 1e-4 < np.sqrt(2 * greedy[-1, 0]) < 9 + 1e-4
     constant = fly(loop, matrices, np.repeat(start, 41, axis=0), np.linspace(-1, 1, 41)[:, None])
     assert np.sqrt(2 * constant.max()) == pytest.approx(3.0, rel=1e-4)
-    random_disturbance = generator().uniform(-1, 1, (40, 500, 1))
+    random_disturbance = generator(1).uniform(-1, 1, (40, 500, 1))
     assert fly(loop, matrices, np.repeat(start, 500, axis=0), random_disturbance).max() < 0.5 * greedy[-1, 0]
 
 
 def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
     loop, matrices = car(steps=40)
-    deviation = (Spheres((3,)).random_points(9, generator()) @ spread_of(matrices[7], 0.1).T).T
+    deviation = (Spheres((3,)).random_points(9, generator(1)) @ spread_of(matrices[7], 0.1).T).T
     directions = Spheres((2,)).random_points(16, generator(2))
     chosen = greedy_disturbance(directions)(loop, 7, matrices[7], deviation)
     assert chosen.shape == (2, 9)
@@ -118,7 +115,7 @@ def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
 def test_the_additive_adversary_takes_the_best_point_of_its_ellipsoid():
     loop, matrices = car(steps=40)
     amplitudes = np.array([0.03, 0.01, 0.002])
-    deviation = (Spheres((3,)).random_points(5, generator()) @ spread_of(matrices[7], 0.1).T).T
+    deviation = (Spheres((3,)).random_points(5, generator(1)) @ spread_of(matrices[7], 0.1).T).T
     chosen = greedy_additive(amplitudes)(loop, 7, matrices[7], deviation)
     np.testing.assert_allclose(np.sum((chosen / amplitudes[:, None]) ** 2, axis=0), 1.0, rtol=1e-14)
     growth_of_others = (Spheres((3,)).random_points(20000, generator(3)) * amplitudes) @ matrices[7] @ deviation
@@ -147,7 +144,7 @@ def plain_flight(loop, start):
 
 def test_a_car_without_wind_comes_back_to_its_path():
     loop, matrices = car()
-    start = Spheres((3,)).random_points(1000, generator()) @ spread_of(matrices[0], 0.15).T
+    start = Spheres((3,)).random_points(1000, generator(1)) @ spread_of(matrices[0], 0.15).T
     values = fly(loop, matrices, start, np.zeros((1000, 2)))
     # Of the linear loop V falls by the running cost; at this size the car is still like it.
     assert (np.diff(values.max(axis=1)) < 0).all()
@@ -157,7 +154,7 @@ def test_a_car_without_wind_comes_back_to_its_path():
 
 def test_a_trajectory_does_not_depend_on_the_others():
     loop, matrices = car(steps=80)
-    start = Spheres((3,)).random_points(23, generator()) @ spread_of(matrices[0], 0.15).T
+    start = Spheres((3,)).random_points(23, generator(1)) @ spread_of(matrices[0], 0.15).T
     wind = Spheres((2,)).random_points(23 * 4, generator(2)).reshape(4, 23, 2)
     together = fly(loop, matrices, start, wind)
     for part in (slice(0, 7), slice(7, 8), slice(8, 23)):

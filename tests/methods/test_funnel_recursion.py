@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dubins_car import dubins
+from generators import generator
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import additive_growth, linear_exact, slice_jacobians
 from marsedl.methods.funnels.recursion import (
@@ -25,10 +26,6 @@ from marsedl.methods.sos.variety import Spheres
 from starts import maximize_from_random_starts as maximize
 
 CALM, WINDY = well_chosen_design(Spheres((3,)), 1), well_chosen_design(Spheres((3, 2)), 1)
-
-
-def generator(seed):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def unit(count, size, seed):

@@ -1,15 +1,12 @@
 import numpy as np
 import pytest
 
+from generators import generator
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.linear import slice_jacobians, whitened_step
 from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
 
 P, NEXT = np.diag([2.0, 3.0, 1.5]) + 0.4, np.array([[1.8, 0.3, -0.2], [0.3, 2.5, 0.5], [-0.2, 0.5, 1.2]])
-
-
-def generator(seed):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def spheres(count, seed=1, disturbances=2):

@@ -3,6 +3,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from generators import generator
 from marsedl.methods.sos.design import (
     condition_number,
     hermite_values,
@@ -22,10 +23,6 @@ VARIETIES = [
 ]
 
 
-def generator(seed=0):
-    return np.random.Generator(np.random.Philox(seed))
-
-
 @pytest.fixture(scope="module")
 def entry_design():
     return well_chosen_design(Spheres((6, 2)), seed=1)
@@ -34,7 +31,7 @@ def entry_design():
 @pytest.mark.parametrize(("dimensions", "basis", "samples"), VARIETIES)
 def test_counts_are_the_ranks_of_the_full_monomials(dimensions, basis, samples):
     spheres = Spheres(dimensions)
-    points = spheres.random_points(spheres.sample_count(2) + 20, generator())
+    points = spheres.random_points(spheres.sample_count(2) + 20, generator(0))
     values = spheres.evaluate(spheres.monomials(2), points)
     assert np.linalg.matrix_rank(values) == spheres.basis_dimension(2) == len(spheres.quotient_monomials(2))
     assert rank_of_products(values) == spheres.sample_count(2) == len(spheres.quotient_monomials(4))
@@ -44,7 +41,7 @@ def test_counts_are_the_ranks_of_the_full_monomials(dimensions, basis, samples):
 
 def test_quotient_monomials_are_independent_and_span_the_others_on_the_spheres():
     spheres = Spheres((3, 2))
-    points = spheres.random_points(400, generator())
+    points = spheres.random_points(400, generator(0))
     reduced, full = (
         spheres.evaluate(exponents, points) for exponents in (spheres.quotient_monomials(3), spheres.monomials(3))
     )
@@ -60,7 +57,7 @@ def test_quotient_monomials_are_independent_and_span_the_others_on_the_spheres()
 
 def test_random_points_are_uniform_on_every_sphere():
     spheres, count = Spheres((6, 2)), 40_000
-    points = spheres.random_points(count, generator())
+    points = spheres.random_points(count, generator(0))
     for block, n in zip(spheres.blocks, spheres.dimensions, strict=True):
         np.testing.assert_allclose(np.linalg.norm(points[:, block], axis=1), 1, rtol=1e-14)
         fourth = points[:, block] ** 4
@@ -91,7 +88,7 @@ def test_orthonormal_basis_is_orthonormal_at_the_samples_and_the_same_functions_
     np.testing.assert_allclose(entry_design.basis.T @ entry_design.basis / count, np.eye(43), atol=1e-13)
     np.testing.assert_allclose(entry_design.evaluate(entry_design.points), entry_design.basis, atol=1e-12)
     spheres = Spheres((3, 2))
-    fresh = spheres.random_points(300, generator())
+    fresh = spheres.random_points(300, generator(0))
     reference = spheres.evaluate(spheres.quotient_monomials(2), fresh)
     values = well_chosen_design(spheres, 1).evaluate(fresh)
     coefficients, _, rank, _ = np.linalg.lstsq(reference, values)
@@ -127,7 +124,7 @@ def test_rank_of_products_is_the_rank_of_the_squared_inner_products():
     spheres = Spheres((3, 2))
     design = random_design(spheres, 60, 4, allow_deficient=True)
     assert design.rank == np.linalg.matrix_rank((design.basis @ design.basis.T) ** 2) == 60
-    lengths = 10.0 ** generator().uniform(-6, 6, 60)
+    lengths = 10.0 ** generator(0).uniform(-6, 6, 60)
     assert rank_of_products(lengths[:, None] * design.basis) == 60
     repeated = np.vstack([design.basis, design.basis[:7]])
     assert rank_of_products(repeated) == 60

@@ -2,6 +2,7 @@ import cvxpy
 import numpy as np
 import pytest
 
+from generators import generator
 from marsedl.methods.sos import conic_program
 from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.design import well_chosen_design
@@ -9,10 +10,6 @@ from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from starts import maximize_from_random_starts as maximize
-
-
-def generator(seed):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 def random_quartic(dimensions, seed):

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from generators import generator
 from marsedl.methods.sos.design import random_design, well_chosen_design
 from marsedl.methods.sos.sampled_program import absorb_residual, rank_one
 from marsedl.methods.sos.variety import Spheres
-
-
-def generator(seed=0):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +48,14 @@ def assert_attains(certificate, optimum, values, tolerance=1e-7):
 
 
 def test_quadratic_form_gives_the_largest_eigenvalue(entry_design):
-    matrix = generator().standard_normal((6, 6))
+    matrix = generator(0).standard_normal((6, 6))
     matrix = matrix + matrix.T
     values = np.einsum("ij,jk,ik->i", entry_design.points[:, :6], matrix, entry_design.points[:, :6])
     assert_attains(rank_one(values, entry_design.basis), np.linalg.eigvalsh(matrix)[-1], values)
 
 
 def test_bilinear_form_gives_the_spectral_norm(entry_design):
-    matrix = generator().standard_normal((6, 2))
+    matrix = generator(0).standard_normal((6, 2))
     values = np.einsum("ij,jk,ik->i", entry_design.points[:, :6], matrix, entry_design.points[:, 6:])
     assert_attains(rank_one(values, entry_design.basis), np.linalg.norm(matrix, 2), values)
 
@@ -108,7 +105,7 @@ def test_certificate_holds_away_from_the_samples(entry_design):
     assert certificate.status == "optimal" and certificate.iterations <= 12
     assert np.linalg.eigvalsh(certificate.gram)[0] > 0
     assert certificate.residual < 1e-12
-    fresh = entry_design.spheres.random_points(4000, generator())
+    fresh = entry_design.spheres.random_points(4000, generator(0))
     difference = certificate.bound - step_map(fresh)
     np.testing.assert_allclose(gram_values(certificate.gram, entry_design.evaluate(fresh)), difference, atol=1e-11)
     assert 0 < difference.min() < 0.2 * certificate.bound
@@ -129,12 +126,12 @@ def test_bound_does_not_depend_on_design_basis_or_rotation(entry_design):
     spheres = entry_design.spheres
     reference = rank_one(step_map(entry_design.points), entry_design.basis).bound
     monomials = spheres.evaluate(spheres.quotient_monomials(2), entry_design.points)
-    mixed = entry_design.basis @ (np.eye(43) + 0.3 * generator().standard_normal((43, 43)))
+    mixed = entry_design.basis @ (np.eye(43) + 0.3 * generator(0).standard_normal((43, 43)))
     for basis in (monomials, mixed):
         assert rank_one(step_map(entry_design.points), basis).bound == pytest.approx(reference, rel=2e-7)
     for other in (well_chosen_design(spheres, 2), random_design(spheres, 406, 2)):
         assert rank_one(step_map(other.points), other.basis).bound == pytest.approx(reference, rel=5e-7)
-    rotation = block_diag(*(np.linalg.qr(generator().standard_normal((n, n)))[0] for n in spheres.dimensions))
+    rotation = block_diag(*(np.linalg.qr(generator(0).standard_normal((n, n)))[0] for n in spheres.dimensions))
     rotated = entry_design.points @ rotation
     assert rank_one(step_map(rotated), entry_design.evaluate(rotated)).bound == pytest.approx(reference, rel=2e-7)
 
@@ -203,7 +200,7 @@ def test_safe_bound_is_proved_in_rational_arithmetic(dimensions, tolerance):
 def test_safe_bound_undoes_a_tampered_solution(entry_design):
     values = step_map(entry_design.points)
     certificate = rank_one(values, entry_design.basis)
-    draw = generator().standard_normal((43, 43))
+    draw = generator(0).standard_normal((43, 43))
     for size in (1e-9, 1e-6, 1e-3):
         noise = size * (draw + draw.T) / 43
         bound, gram = absorb_residual(values, entry_design.basis, certificate.bound - size, certificate.gram + noise)

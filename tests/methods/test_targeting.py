@@ -1,11 +1,10 @@
-import casadi
 import numpy as np
 import pytest
-from numba import njit
 
 from marsedl.elementary import sine_cosine
 from marsedl.methods.guidance.targeting import require_target_ahead
 from marsedl.methods.guidance.targeting import targeting as targeting_of
+from three_ways import check_three_ways
 
 PLANET_RADIUS, ROTATION_RATE = 3.397e6, 7.0882e-5
 
@@ -24,9 +23,6 @@ def targeting(
     """Of the target's latitude itself."""
     vehicle = longitude, latitude, radius, velocity, flight_path_angle, azimuth
     return targeting_of(*vehicle, rotation_rate, target_longitude, sine_cosine(target_latitude))
-
-
-compiled = njit(targeting)
 
 
 def rotation(angle):
@@ -94,15 +90,7 @@ def test_agrees_with_appendix_d_whatever_the_phase_and_time():
 
 
 def test_numba_casadi_and_numpy_agree():
-    casadi.GlobalOptions.setNumpyMode(-1)
-    arguments = random_arguments(200)
-    broadcast = np.array(targeting(*arguments))
-    symbols = casadi.SX.sym("arguments", 9)
-    angles = casadi.vertcat(*targeting(*casadi.vertsplit(symbols)))
-    traced = casadi.Function("angles", [symbols], [angles]).map(200)(arguments).full()
-    np.testing.assert_allclose([compiled(*point) for point in arguments.T], broadcast.T, rtol=0, atol=2e-15)
-    np.testing.assert_allclose(traced, broadcast, rtol=0, atol=2e-15)
-    assert [compiled(*point) for point in arguments.T] == [targeting(*point) for point in arguments.T]
+    check_three_ways(targeting, random_arguments(200), atol=2e-15, scaled=False)
 
 
 def test_nominal_entry_state():

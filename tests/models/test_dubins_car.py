@@ -1,25 +1,13 @@
-import casadi
 import numpy as np
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
-
-
-@njit
-def compiled_rates(*arguments):
-    return dubins_car_rates(*arguments)
+from three_ways import check_three_ways
 
 
 def test_numba_casadi_and_numpy_agree():
     arguments = np.random.default_rng(1).uniform(-3, 3, (5, 100))
-    broadcast = np.array(dubins_car_rates(*arguments))
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
-    casadi.GlobalOptions.setNumpyMode(-1)
-    symbols = casadi.SX.sym("arguments", 5)
-    traced = casadi.Function("rates", [symbols], [casadi.vertcat(*dubins_car_rates(*casadi.vertsplit(symbols)))])
-    np.testing.assert_allclose(compiled, broadcast, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(traced.map(100)(arguments).full(), broadcast, rtol=0, atol=1e-15)
+    check_three_ways(dubins_car_rates, arguments, scaled=False)
 
 
 def test_a_constant_turn_rate_drives_a_circle_counter_clockwise():

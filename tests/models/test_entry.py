@@ -1,11 +1,10 @@
-import casadi
 import numpy as np
 import pytest
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.elementary import sine_cosine
 from marsedl.models.dynamics.entry import entry_rates
+from three_ways import check_three_ways
 
 GRAVITATIONAL_PARAMETER, ROTATION_RATE, PLANET_RADIUS = 4.2828e13, 7.0882e-5, 3.397e6
 
@@ -13,16 +12,6 @@ GRAVITATIONAL_PARAMETER, ROTATION_RATE, PLANET_RADIUS = 4.2828e13, 7.0882e-5, 3.
 def broadcast_rates(*arguments):
     bank = sine_cosine(arguments[6])
     return entry_rates(arguments[:6], bank, arguments[7], arguments[8:10], arguments[10:12], arguments[12])
-
-
-compiled_rates = njit(broadcast_rates)
-
-
-def traced_rates(arguments):
-    casadi.GlobalOptions.setNumpyMode(-1)
-    symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols)))
-    return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
 
 
 def random_arguments(count):
@@ -50,14 +39,7 @@ def inertial(time, state, rotation_rate):
 
 
 def test_numba_casadi_and_numpy_agree():
-    arguments = random_arguments(200)
-    broadcast = np.array(broadcast_rates(*arguments))
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
-    # Rounding, relative to the largest rate of its kind: single rates are differences of larger terms.
-    scale = np.abs(broadcast).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(compiled / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(traced_rates(arguments) / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(compiled.T, [broadcast_rates(*point) for point in arguments.T])
+    check_three_ways(broadcast_rates, random_arguments(200))
 
 
 def test_rates_give_the_inertial_acceleration_of_gravity_lift_and_drag():

@@ -1,13 +1,11 @@
-import casadi
 import numpy as np
-from numba import njit
 
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
+from three_ways import check_three_ways
 
 
-@njit
-def compiled_rates(*arguments):
+def rates_of(*arguments):
     return longitudinal_entry_rates(arguments[:5], *arguments[5:])
 
 
@@ -20,19 +18,7 @@ def random_arguments(count):
 
 
 def test_numba_casadi_and_numpy_agree():
-    casadi.GlobalOptions.setNumpyMode(-1)
-    arguments = random_arguments(200)
-    broadcast = np.array(longitudinal_entry_rates(arguments[:5], *arguments[5:]))
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
-    symbols = casadi.SX.sym("arguments", 12)
-    split = casadi.vertsplit(symbols)
-    rates = casadi.vertcat(*longitudinal_entry_rates(split[:5], *split[5:]))
-    traced = casadi.Function("rates", [symbols], [rates]).map(200)(arguments).full()
-    scale = np.abs(broadcast).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(compiled / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(traced / scale, broadcast / scale, rtol=0, atol=1e-15)
-    alone = [longitudinal_entry_rates(point[:5], *point[5:]) for point in arguments.T]
-    np.testing.assert_array_equal(compiled.T, alone)
+    check_three_ways(rates_of, random_arguments(200))
 
 
 def test_planar_part_is_equatorial_flight_over_a_planet_at_rest():

@@ -1,19 +1,14 @@
 import casadi
 import numpy as np
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
+from three_ways import check_three_ways
 
 BALLISTIC_COEFFICIENT, LIFT_TO_DRAG, MU = 150.0, 0.2, 4.2828e13
 DRAG_FACTOR = 1 / (2 * BALLISTIC_COEFFICIENT)
 LIFT_FACTOR = LIFT_TO_DRAG / (2 * BALLISTIC_COEFFICIENT)
-
-
-@njit
-def compiled_rates(*arguments):
-    return planar_entry_rates(*arguments)
 
 
 def random_arguments(count):
@@ -25,17 +20,7 @@ def random_arguments(count):
 
 
 def test_numba_casadi_and_numpy_agree():
-    casadi.GlobalOptions.setNumpyMode(-1)
-    arguments = random_arguments(200)
-    broadcast = np.array(planar_entry_rates(*arguments))
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
-    symbols = casadi.SX.sym("arguments", 8)
-    rates = casadi.vertcat(*planar_entry_rates(*casadi.vertsplit(symbols)))
-    traced = casadi.Function("rates", [symbols], [rates]).map(200)(arguments).full()
-    scale = np.abs(broadcast).max(axis=1, keepdims=True)
-    for other in (compiled, traced):
-        np.testing.assert_allclose(other / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(compiled.T, [planar_entry_rates(*point) for point in arguments.T])
+    check_three_ways(planar_entry_rates, random_arguments(200))
 
 
 def test_longitudinal_entry_has_the_same_rates_to_the_last_bit():

@@ -1,26 +1,16 @@
 import casadi
 import numpy as np
 import pytest
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.models.dynamics.powered_descent import mass_flow_constant, powered_descent_rates, thrust_magnitude
+from three_ways import check_three_ways
 
 GRAVITY, ALPHA = 3.71, 4.85e-4
 
 
 def broadcast_rates(*arguments):
     return powered_descent_rates(arguments[:5], arguments[5:7], arguments[7:9], arguments[9], arguments[10])
-
-
-compiled_rates = njit(broadcast_rates)
-
-
-def traced_rates(arguments):
-    casadi.GlobalOptions.setNumpyMode(-1)
-    symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols)))
-    return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
 
 
 def fly(state, thrust, duration):
@@ -39,11 +29,8 @@ def test_numba_casadi_and_numpy_agree():
     low = np.array([-500, -500, -90, -90, 900, -2e4, -2e4, -2e3, -2e3, 1, 1e-4])
     high = np.array([500, 500, 90, 90, 1500, 2e4, 2e4, 2e3, 2e3, 10, 1e-3])
     arguments = random.uniform(low, high, (200, 11)).T
-    broadcast = np.array(broadcast_rates(*arguments))
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
     # Rounding only: a few units in the last place (multiply-add may be fused, or a division made a multiplication).
-    np.testing.assert_allclose(compiled, broadcast, rtol=5e-15, atol=1e-14)
-    np.testing.assert_allclose(traced_rates(arguments), broadcast, rtol=5e-15, atol=1e-14)
+    check_three_ways(broadcast_rates, arguments, rtol=5e-15, atol=1e-14, scaled=False, to_the_bit=False)
 
 
 def test_rates_at_one_point_by_hand():

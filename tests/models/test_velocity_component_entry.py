@@ -1,12 +1,11 @@
-import casadi
 import numpy as np
 import pytest
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.elementary import sine_cosine
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
+from three_ways import check_three_ways
 
 BALLISTIC_COEFFICIENT, LIFT_TO_DRAG, MU, PLANET_RADIUS = 115.0, 0.18, 4.282837e13, 3.397e6
 ENTRY = np.array([126.1e3, 0, 0, 6750 * np.sin(np.radians(-15.2)), 0, 6750 * np.cos(np.radians(-15.2))])
@@ -14,16 +13,6 @@ ENTRY = np.array([126.1e3, 0, 0, 6750 * np.sin(np.radians(-15.2)), 0, 6750 * np.
 
 def broadcast_rates(*arguments):
     return velocity_component_entry_rates(arguments[:8], arguments[8], arguments[9], arguments[10:12], arguments[12:14])
-
-
-compiled_rates = njit(broadcast_rates)
-
-
-def traced_rates(arguments):
-    casadi.GlobalOptions.setNumpyMode(-1)
-    symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols)))
-    return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
 
 
 def random_arguments(count):
@@ -65,15 +54,7 @@ def inertial_acceleration(position, velocity, bank, density, ballistic_coefficie
 
 
 def test_numba_casadi_and_numpy_agree():
-    arguments = random_arguments(200)
-    broadcast = np.array(broadcast_rates(*arguments))
-    assert broadcast.shape == (8, 200)
-    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
-    # Rounding, relative to the largest rate of its kind: single rates are differences of larger terms.
-    scale = np.abs(broadcast).max(axis=1, keepdims=True)
-    for other in (compiled, traced_rates(arguments)):
-        np.testing.assert_allclose(other / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(compiled.T, [broadcast_rates(*point) for point in arguments.T])
+    check_three_ways(broadcast_rates, random_arguments(200))
 
 
 def test_rates_are_those_of_speed_path_angle_and_azimuth_on_a_planet_at_rest():

@@ -1,30 +1,16 @@
-import casadi
 import numpy as np
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from marsedl.methods.taylor import Series
 from marsedl.models.dynamics.vinh_entry import vinh_entry_rates
+from three_ways import check_three_ways
 
 PLANET_RADIUS, GRAVITATIONAL_PARAMETER, ROTATION_RATE = 3.3895e6, 4.2828e13, 7.0882e-5
 DRAG_FACTOR, LIFT_FACTOR = 1 / 270, 0.24 / 270
 
 
-def rates_of(arguments):
-    """Rates from a list of all arguments: the state's six, and the others."""
-    return vinh_entry_rates(tuple(arguments[:6]), *arguments[6:])
-
-
-@njit
-def compiled_rates(state, *arguments):
-    return vinh_entry_rates(state, *arguments)
-
-
-def traced_rates(arguments):
-    casadi.GlobalOptions.setNumpyMode(-1)
-    symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*rates_of(casadi.vertsplit(symbols)))
-    return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
+def rates_of(*arguments):
+    return vinh_entry_rates(arguments[:6], *arguments[6:])
 
 
 def random_arguments(count):
@@ -61,19 +47,13 @@ def cartesian_acceleration(position, velocity, bank, density, drag, lift, mu, ro
 
 
 def test_numba_casadi_and_numpy_agree():
-    arguments = random_arguments(200)
-    broadcast = np.array(rates_of(arguments))
-    compiled = np.array([compiled_rates(tuple(point[:6]), *point[6:]) for point in arguments.T]).T
-    # Rounding, relative to the largest rate of its kind: single rates are differences of larger terms.
-    scale = np.abs(broadcast).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(compiled / scale, broadcast / scale, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(traced_rates(arguments) / scale, broadcast / scale, rtol=0, atol=1e-15)
+    check_three_ways(rates_of, random_arguments(200))
 
 
 def test_rates_give_the_inertial_acceleration_of_gravity_lift_and_drag():
     for point in random_arguments(50).T:
         bank, density, planet_radius, drag, lift, mu, rotation = point[6:]
-        rates = np.array(rates_of(point))
+        rates = np.array(rates_of(*point))
         state = np.array([planet_radius + point[0], *point[1:6]])
         # The complex step differentiates position and velocity along the flight.
         step = 1e-30
@@ -115,7 +95,7 @@ def test_an_entry_is_that_of_an_inertial_cartesian_simulation():
 
 def test_a_positive_bank_turns_right_and_lowers_the_vertical_lift():
     point = [3e4, 0.0, 0.3, 3000.0, -0.1, 1.0, 0.0, 5e-3, PLANET_RADIUS, DRAG_FACTOR, LIFT_FACTOR, 4.3e13, 7e-5]
-    level, banked = rates_of(point), rates_of([*point[:6], 0.5, *point[7:]])
+    level, banked = rates_of(*point), rates_of(*point[:6], 0.5, *point[7:])
     assert banked[5] < level[5]
     assert banked[4] < level[4]
     assert banked[:4] == level[:4]
@@ -126,6 +106,6 @@ def test_a_power_series_carries_the_derivative_along_a_ray():
     direction = np.random.default_rng(2).standard_normal(arguments.shape) * np.abs(arguments)
     rays = [Series.along(base, way, 2) for base, way in zip(arguments, direction, strict=True)]
     step = 1e-30
-    along = np.array(rates_of(arguments + 1j * step * direction)).imag / step
-    for value, expected in zip(rates_of(rays), along, strict=True):
+    along = np.array(rates_of(*(arguments + 1j * step * direction))).imag / step
+    for value, expected in zip(rates_of(*rays), along, strict=True):
         np.testing.assert_allclose(value.coefficients[1], expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max())

@@ -1,6 +1,7 @@
 """The engine: compiled flights are those of the plain functions, converge, keep energy, and refuse bad models."""
 
 import random
+import sys
 import time
 from collections import namedtuple
 from dataclasses import fields
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from marsedl.montecarlo.flights import Flight, periods
+from marsedl.montecarlo.flights import Flight, addressed, loop, periods
 from marsedl.montecarlo.flights.addressed import words_of
 from marsedl.montecarlo.flights.binding import digest
 from marsedl.montecarlo.flights.columns import (
@@ -463,6 +464,30 @@ def test_navigation_has_the_bits_of_python_alone_among_others_and_after_an_end()
     assert (flown.history[0, 1] != other.history[0, 1]).all()
 
 
+def test_a_flight_with_one_normal_has_the_bits_of_python():
+    """The normal of each trial is of the noise, of the air or of navigation, or none is moved."""
+    only = np.array([[1, 1, 2, 1, 4], [0, 5, 7, 3, 0], [0.0, 0.7, -1.3, 5.0, 2.0]])
+    h, v = np.linspace(30.0, 110.0, 5), -5.0
+    options = {"vehicle": Body(0.5), "law": Law(1.0, 6.0), "nodes": 12, "past": 2, "seed": 3, "first_trial": 8}
+    flown = WHOLE.fly(PLANET, SCHEDULE, State(h, v), only=only, **options)
+    for trial in range(5):
+        alone = WHOLE.fly_in_python(PLANET, SCHEDULE, State(h, v), trial=8 + trial, only=only, **options)
+        assert_same(one(flown, trial), alone)
+    calm = WHOLE.fly(PLANET, SCHEDULE, State(h, v), only=np.zeros((3, 5)), **options)
+    moved = (flown.final_state != calm.final_state).any(axis=0)
+    assert moved.tolist() == [False, True, True, True, True]
+    own = only[:, 1:2]
+    assert_same(one(flown, 1), WHOLE.fly(PLANET, SCHEDULE, State(h[1], v), trials=1, only=own, **options))
+
+
+def test_squares_of_what_single_normals_of_navigation_move_sum_up_to_the_variance():
+    draws = 2 * 60
+    only = np.array([np.full(draws, 4.0), np.arange(draws), np.full(draws, 0.5)])
+    flown = CART.fly(Navigation(5.0, 0.5, 0.1, -1e9), MINUTE, Cart(100.0, 0.0), only=only)
+    slopes = (flown.history[:-1, 1] - flown.history[:-1, 0]) / 0.5
+    np.testing.assert_allclose(np.sum(slopes**2, axis=1), 5.0**2 + 0.5**2 * np.arange(60), rtol=1e-9)
+
+
 def speed(state) -> Felt:
     return Felt(state.v, 0.0)
 
@@ -612,6 +637,16 @@ def test_a_digest_follows_all_that_is_read():
     ):
         assert digest_of(expression, n=one, f=plain) == digest_of(expression, n=one, f=plain)
         assert digest_of(expression, n=one) != digest_of(expression, n=other), expression
+
+
+def test_the_key_of_a_kernel_is_of_the_flight_alone_whatever_else_a_program_has_imported(monkeypatch):
+    def engine():
+        return digest(loop.group_flight, loop.fly_groups, addressed.law_of_lanes, addressed.guide_group)
+
+    before = engine()
+    monkeypatch.setitem(sys.modules, "imported_besides", ModuleType("imported_besides"))
+    monkeypatch.syspath_prepend("elsewhere")
+    assert engine() == before
 
 
 class Reads:

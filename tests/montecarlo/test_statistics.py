@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import xlogy
 
 from marsedl.montecarlo.statistics import (
     binomial_interval,
@@ -10,6 +11,9 @@ from marsedl.montecarlo.statistics import (
     histogram_percentile,
     mean_standard_error,
     merge_moments,
+    order_interval,
+    paired_percentile_interval,
+    paired_share_interval,
     percentile,
     percentile_spread,
     two_sample_covariance_deviance,
@@ -255,3 +259,75 @@ def test_binomial_interval_leaves_half_of_the_rest_on_either_side(count, trials)
         assert stats.binom.sf(count - 1, trials, lower) == pytest.approx(0.025)
     if count < trials:
         assert stats.binom.cdf(count, trials, upper) == pytest.approx(0.025)
+
+
+# ---- differences of pairs --------------------------------------------------------------------------------------------
+
+
+def pairs_of(count, correlation, seed):
+    rng = np.random.Generator(np.random.Philox(seed))
+    a, b = rng.standard_normal((2, count))
+    return a, correlation * a + np.sqrt(1.0 - correlation**2) * b
+
+
+HEAVY, SKEWED = (lambda z: stats.t.ppf(stats.norm.cdf(z), 2)), (lambda z: np.exp(1.5 * z))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "correlation"),
+    [(np.asarray, np.asarray, 0.9), (SKEWED, np.asarray, 0.7), (HEAVY, HEAVY, -0.8), (HEAVY, SKEWED, 0.99)],
+)
+@pytest.mark.parametrize(("count", "level"), [(40, 0.5), (400, 0.95), (1000, 0.01)])
+def test_intervals_of_differences_of_percentiles_hold_them(first, second, correlation, count, level):
+    true, repeats, held = first(stats.norm.ppf(level)) - second(stats.norm.ppf(level)), 200, 0
+    for seed in range(repeats):
+        a, b = pairs_of(count, correlation, seed)
+        low, high = paired_percentile_interval(first(a), second(b), level)
+        held += low <= true <= high
+    assert held / repeats > 0.95 - 3 * np.sqrt(0.95 * 0.05 / repeats)
+
+
+def test_pairs_that_agree_have_narrow_intervals_and_a_constant_leaves_that_of_one_sample():
+    a, b = pairs_of(10_000, 0.99, 1)
+    low, high = paired_percentile_interval(a + 0.3, b, 0.9)
+    alone = np.ptp(order_interval(a, 0.9))
+    assert low < 0.3 < high and high - low < 0.6 * alone, "two samples apart have 1.4 times that of one"
+    expected = order_interval(a, 0.9)
+    np.testing.assert_allclose(paired_percentile_interval(a, np.ones(a.size), 0.9), np.array(expected) - 1, rtol=1e-9)
+    low, high = paired_percentile_interval(a, a, 0.9)
+    assert low <= 0.0 <= high < 0.1 * alone
+    assert np.isnan(paired_percentile_interval(a[:99], b[:99], 0.9)).all()
+    assert np.isnan(paired_percentile_interval(a[:100], b[:100], 0.9, 1.0 - 1e-9)).all()
+
+
+@pytest.mark.parametrize(
+    ("chances", "trials"), [((0.1, 0.05, 0.8), 30), ((0.02, 0.0, 0.97), 100), ((0.3, 0.3, 0.1), 60)]
+)
+def test_intervals_of_differences_of_shares_hold_them_about_as_often_as_they_say(chances, trials):
+    """chances: that the first alone holds, the second alone, both."""
+    rng, held = np.random.Generator(np.random.Philox(8)), 0
+    for b, c, both, _ in rng.multinomial(trials, [*chances, 1.0 - sum(chances)], 1500):
+        low, high = paired_share_interval(*of_counts(b, c, trials, both))
+        held += low <= chances[0] - chances[1] <= high
+    assert 0.93 < held / 1500 < 0.99
+
+
+def of_counts(b, c, trials, both=0):
+    first, second = np.zeros((2, trials), bool)
+    first[: b + both] = True
+    second[b : b + both + c] = True
+    return first, second
+
+
+@pytest.mark.parametrize(("b", "c"), [(0, 0), (3, 0), (7, 25), (12, 9), (40, 0), (0, 40)])
+def test_ends_of_intervals_of_shares_have_the_score_that_the_likeliest_chances_give(b, c):
+    n, z = 40, stats.norm.ppf(0.95)
+    for end, score in zip(paired_share_interval(*of_counts(b, c, n), 0.9), (z, -z), strict=True):
+        if abs(end) == 1.0:
+            assert abs(b - c) == n
+            continue
+        q = np.linspace(max(0.0, -end), 0.5 * (1.0 - end), 200_002)[1:-1]
+        likelihood = xlogy(b, q + end) + xlogy(c, q) + xlogy(n - b - c, 1.0 - 2.0 * q - end)
+        likeliest = q[np.argmax(likelihood)]
+        found = (b - c - n * end) / np.sqrt(n * (2.0 * likeliest + end * (1.0 - end)))
+        np.testing.assert_allclose(found, score, rtol=1e-3)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
+from generators import generator
 from marsedl.methods.funnels.monte_carlo import fly
 from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.variety import Spheres
@@ -30,10 +31,6 @@ def short(funnels):
 @pytest.fixture(scope="module")
 def study(funnels, short):
     return funnels.inputs("corrected", **SHORT).call(dubins_study.compute, short)
-
-
-def generator(seed=3):
-    return np.random.Generator(np.random.Philox(seed))
 
 
 # ---- the path and the loop -------------------------------------------------------------------------------------------
@@ -116,7 +113,7 @@ def test_a_stage_bounds_the_car_itself_and_hardly_more(car):
     """The car, not its deviation, from points all over the slice: an oracle without error rates, series or programs."""
     number = 25
     first, last = car.slice_step[number : number + 2]
-    directions = Spheres((3,)).random_points(20_000, generator())
+    directions = Spheres((3,)).random_points(20_000, generator(3))
     start = (directions @ spread_of(car.shape[first], car.level[FLOW, number]).T) + car.state[2 * first]
 
     def rates(time, packed):
@@ -148,7 +145,7 @@ def _integral(values, times):
 
 @pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
 def test_flights_stay_inside_and_come_near(car, number, wind):
-    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
+    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator(3)
     start = Spheres((3,)).random_points(1000, draw) @ spread_of(car.shape[0], car.level[number, 0]).T
     values = fly(loop, car.shape, start, Spheres((2,)).random_points(1000, draw) if wind else np.zeros((1000, 0)))
     largest = values.max(axis=1)
@@ -172,7 +169,7 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
         assert (study.linear_level[number, 1:] < short.level[number, 1:]).all()
         assert study.linear_level[number] == pytest.approx(short.level[number], rel=0.02)
     loop = dubins.closed_loop(short, SPEED)
-    small = Spheres((3,)).random_points(20_000, generator()) @ spread_of(short.shape[0], 1e-10).T
+    small = Spheres((3,)).random_points(20_000, generator(3)) @ spread_of(short.shape[0], 1e-10).T
     grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
     assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
 

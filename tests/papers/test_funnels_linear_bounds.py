@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from generators import generator
 from marsedl.methods.funnels.linear import slice_jacobians
 from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.variety import Spheres
@@ -42,10 +43,6 @@ def jacobians(loop):
     return slice_jacobians(loop, np.arange(len(loop.time)))[:2]
 
 
-def generator(seed=3):
-    return np.random.Generator(np.random.Philox(seed))
-
-
 # ---- levels ----------------------------------------------------------------------------------------------------------
 
 
@@ -78,7 +75,7 @@ def test_jacobians_between_slices_are_those_of_the_flow(inputs, reference, desig
 
 def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, design, bounds, jacobians, loop):
     """With a disturbance that is drawn again in every slice, which the level allows."""
-    steps, draw = environment.slices(loop, inputs.steps_per_slice), generator()
+    steps, draw = environment.slices(loop, inputs.steps_per_slice), generator(3)
     across, pushed = linear_bounds.between_slices(*jacobians, steps)
     deviation = (Spheres((6,)).random_points(2000, draw) @ spread_of(design.shape[0], design.initial_level).T).T
     for k in range(len(across)):

@@ -26,6 +26,7 @@ REFUSED = {
             {"partition": [0.0, 51.2, 400.0]},
             ["mission.partition", "(51.2) is not a multiple of simulation.time_step (0.5)"],
         ),
+        ({"output_interval": 1.0e-25}, ["simulation", "output_interval", "must not be below time_step"]),
         ({"time_step": 1.0e-6, "output_interval": 1.0e-6}, ["time_step", "integration steps, more than 100000"]),
         ({"control_limits": [1.0, -1.0]}, ["control_limits does not increase: 1, -1"]),
         (
@@ -35,6 +36,8 @@ REFUSED = {
     ],
     "desensitized": [
         ({"final_time_bounds": [600.0, 100.0]}, ["final_time_bounds does not increase: 600, 100"]),
+        ({"final_altitude": 1.0e8}, ["final_altitude", "is not below entry_altitude: exchange them"]),
+        ({"guess_banks_deg": [10.0] * 15}, ["guess_banks", "give one less than there are banks"]),
         ({"guess_switch_times": [211.0, 61.0]}, ["guess_switch_times does not increase: 211, 61"]),
         (
             {"printed_weights": [0.001, 0.01, 0.1]},
@@ -47,6 +50,7 @@ REFUSED = {
     ],
     "funnels": [
         ({"bank_bounds_deg": [105.0, 15.0]}, ["bank_bounds does not increase", "write the smaller one first"]),
+        ({"least_velocity": 1.0e6}, ["least_velocity", "lies above the first of final_velocity_bounds: lower it"]),
         ({"guess_final_time": 501.0}, ["guess_final_time: 501", "120 to 500"]),
         (
             {"steps_per_slice": 7},
@@ -56,9 +60,10 @@ REFUSED = {
     ],
     "stochastic_entry": [
         ({"partition_interval": 2.5}, ["partition_interval", "must be multiples of"]),
+        ({"partition_interval": 500.0}, ["partition_interval", "is longer than mission.time_limit"]),
         ({"altitude_limit_study_km": [0.5, 1.0, 1.0, 2.0, 2.5, 3.0]}, ["altitude_limit_study does not increase: 5"]),
         ({"highest_tabulated_altitude_km": 124.9}, ["highest_tabulated_altitude", "atmosphere_altitude"]),
-        ({"density_grid_interval": 1.0e-3}, ["density_grid_interval", "altitudes"]),
+        ({"density_grid_interval": 1.0e-10}, ["density_grid_interval", "altitudes from air.lowest_tabulated_altitude"]),
         ({"nominal_substeps": 7}, ["nominal_substeps (7)", "must be even", "write 8"]),
         ({"decay_factor": 3.0}, ["decay_factor (3)", "diffusion_factor (4)", "twice"]),
         ({"heading_alignment_velocity": 400.0}, ["heading_alignment_velocity (400", "mission.end_velocity (500"]),

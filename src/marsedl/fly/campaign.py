@@ -1,37 +1,59 @@
 """Flights as they are declared, checked and bound, and the flying of any of their trials."""
 
 import pickle
+import signal
 import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from traceback import walk_stack
 
 import numpy as np
 
-from marsedl.fly import laws
+from marsedl.fly import actuators, laws
 from marsedl.fly.declared import is_number, require_numbers
+from marsedl.fly.phases import STREAMS, PhaseBefore
 from marsedl.fly.senses import Bound, Senses
+from marsedl.fly.together import Together, bound
 from marsedl.fly.vehicles import Model
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
 from marsedl.words import require
 
-START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)  # streams of random numbers
+# Streams of random numbers of the first phase; `own_air` has more.
+START, NOISE, AIR, VEHICLE, NAVIGATION, SENSES = range(6)
 CHUNK = 16_384  # trials between two looks at the clock; a multiple of the group of trials
+CHUNK_OF_OWN_AIR = 4_096  # as columns of air are made for a whole chunk
 OUT_OF_TIME, NOT_FINITE, AT_ONCE = "out of time", "not finite", "trigger met at the start"
 
 
 class Campaign:
     """What is flown. Arguments and errors are those of `fly`."""
 
-    def __init__(self, flies, start, law, trigger, end_time, period, substeps, history, seed, senses=None, truth=False):
+    recorded = None  # what was drawn, of flights that are read without their law; see `saved`
+
+    def __init__(
+        self,
+        flies,
+        start,
+        law,
+        trigger,
+        end_time,
+        period,
+        substeps,
+        history,
+        seed,
+        senses=None,
+        truth=False,
+        together=None,
+    ):
         """Check all of it, and bind it to the model; nothing is compiled."""
         from marsedl.montecarlo.flights.binding import check_parameters
+        from marsedl.montecarlo.streams import key_of
 
-        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth)
+        self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
@@ -44,28 +66,42 @@ class Campaign:
             f"history is {history!r}; give the seconds from one stored state to the next, or None",
         )
         require(
-            isinstance(seed, int | np.integer) and 0 <= seed < 2**63,
-            f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1",
+            isinstance(seed, int | np.integer) and seed >= 0,
+            f"seed is {seed!r}; give a whole number that is not negative",
         )
         require(
             is_number(substeps) and substeps >= 1 and substeps == int(substeps),
             f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
         )
-        self.end_time, self.period, self.substeps, self.history, self.seed = end_time, period, substeps, history, seed
-        self.start, self.vehicle = model.declared_start(start), model.declared_vehicle()
+        self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
+        self.seed = key_of(seed)
+        self.only = None  # normal of each trial that is not zero: all are drawn
+        self.before = start if isinstance(start, PhaseBefore) else None
+        self.phase, self.ended_before = (self.before.phase if self.before else 0), {}
+        if self.before:
+            require(together is None, "together: give it in the first phase, as what it draws goes on into this one")
+            self.start, self.ended_before = self.before.declared(model)
+            self.together = Together(self.start, model.declared_vehicle(), ())
+        else:
+            self.together = bound(together, model, start)
+        self.start, self.vehicle = self.together.start, self.together.vehicle
+        require(isinstance(truth, bool), f"truth is {truth!r}; give True or False")
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
         self.senses = self._bound(senses)
+        self.actuators = self._bound_actuators()
         self.ends = laws.ends_of(trigger, model, nominal)
         self.p = model.complete(model.p, nominal) if model.complete else model.p
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
-            require_numbers(parts if isinstance(parts, tuple) else (), what)
+            require_numbers(parts, what)
             check_parameters(parts, what)
         if self.ends.data:
             self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
         if self.senses.kinds:
             self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
+        if self.actuators.kinds:
+            self.p = laws.extended(type(self.p), "actuators")(*self.p, self.actuators.numbers)
         self.schedule(history)
         self.reached = self._reached()
         met = None
@@ -101,6 +137,26 @@ class Campaign:
         told = laws.told_by(flight)._fields
         return senses.bound(told, self.model.units(told), self.period)
 
+    def _bound_actuators(self):
+        """Actuators of the vehicle, checked, as a flight takes them."""
+        model = self.model
+        if not model.actuators:
+            return actuators.Bound()
+        require(
+            not model.flight.guides,
+            "actuators: the model has guidance of its own; let its rates follow the command, or bind it without guide",
+        )
+        vehicle, pace = self.vehicle.names, (self.period, int(self.substeps), self.end_time)
+        command = laws.command_of(model.flight)
+        return actuators.bound(model.actuators, model.coordinates, command, vehicle, model.units, pace)
+
+    @property
+    def commands(self):
+        """Names under which histories hold what the law commands, by what it commands."""
+        if self.actuators.kinds:
+            return {name: f"commanded_{name}" for name in laws.command_of(self.model.flight)._fields}
+        return {name: name for name in self.flight().parts["command"]._fields}
+
     def _truth_told(self):
         """What the law is told of the truth, by name."""
         return tuple(name for name in laws.TRUTH if len(self.law.kind) == 3 and name in self.law.kind[2])
@@ -118,11 +174,13 @@ class Campaign:
     def _reached(self):
         from marsedl.montecarlo.flights.binding import digest
 
-        return digest(*self.flight().reached(), self.p, self.law.parameters)
+        own = self.model.air.sample(self.seed, range(1), self.stream(0)) if self.model.air else ()
+        return digest(*self.flight().reached(), self.p, self.law.parameters, own)
 
     def flight(self):
-        """The `Flight` with law and trigger."""
-        return laws.completed(self.model.flight, self.law.kind, self.ends.kind, self.senses.kinds)
+        """The `Flight` with law, trigger, senses and actuators."""
+        kinds = (self.law.kind, self.ends.kind, self.senses.kinds, self.actuators.kind)
+        return laws.completed(self.model.flight, *kinds)
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
@@ -138,17 +196,44 @@ class Campaign:
         )
         return schedule._replace(every=round(steps))
 
+    def perturbed(self, only):
+        """These flights with one normal that is not zero in each trial: its stream, number and value, (3, trials)."""
+        return self._with(only=only, history=None)
+
+    def _with(self, **changed):
+        """The same flights but for these attributes; nothing is bound again."""
+        other = object.__new__(Campaign)
+        vars(other).update(vars(self), **changed)
+        return other
+
+    def _only(self, trials):
+        """The normals of these trials that are not zero, or None if all are drawn."""
+        return None if self.only is None else self.only[:, trials[0] : trials[-1] + 1]
+
     def drawn(self, trials):
         """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
 
         Raises ValueError for numbers beyond their bounds.
         """
-        bounds = self.model.bounds
-        start = self.start.sample(self.seed, START, trials, bounds)
-        vehicle = self.vehicle.sample(self.seed, VEHICLE, trials, bounds)
+        only, streams = self._only(trials), (self.stream(START), self.stream(VEHICLE))
+        start, vehicle = self.together.sample(self.seed, streams, trials, self.model.bounds, only)
         if self.senses.constants:
-            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, SENSES, trials)])
+            vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials, only)])
+        if self.before:
+            self.before.require_flown(trials)
+        for place, values in self.ended_before.items():  # others have the mean, and are no flights
+            goes_on = self.before.goes_on[trials[0] : trials[-1] + 1]
+            start[place, goes_on] = values[trials[0] : trials[-1] + 1][goes_on]
         return start, vehicle
+
+    def stream(self, number):
+        """Stream of random numbers: phases have others, so that what they draw is independent."""
+        return number + STREAMS * self.phase
+
+    def dispersed_start(self):
+        """Names of the start whose numbers differ from trial to trial, in order."""
+        dispersed = {*self.start.dispersed(), *(self.start.names[place] for place in self.ended_before)}
+        return [name for name in self.start.names if name in dispersed]
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -164,11 +249,14 @@ class Campaign:
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
         options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
+        if self.model.air:
+            options["air"] = self.model.air.sample(self.seed, trials, self.stream(0), self._only(trials))
         options |= {
             "seed": self.seed,
             "first_trial": trials[0],
-            "streams": (NOISE, AIR),
-            "navigation_stream": NAVIGATION,
+            "streams": (self.stream(NOISE), self.stream(AIR)),
+            "navigation_stream": self.stream(NAVIGATION),
+            "only": self._only(trials),
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
@@ -180,16 +268,16 @@ class Campaign:
         degrees. Warns of commands that are not finite. Says if the flight has to be compiled.
         """
         self.flight().renew()
-        parts = self.flight().parts
-        stored, names = parts["stored"]._fields, parts["command"]._fields
-        if not names or not {*names} <= {*stored}:
+        names, shown = [*self.commands], self.flight().parts["stored"]._fields
+        if not names or not {*self.commands.values()} <= {*shown}:
             return
-        rows = [stored.index(name) for name in names]
 
-        def commanded(in_python, whole):
+        def commanded(campaign, in_python, whole):
             """One row of commands a period."""
             with np.errstate(all="ignore"):
-                flown = self.fly(range(trial, trial + 1), self.period, in_python, whole)
+                flown = campaign.fly(range(trial, trial + 1), campaign.period, in_python, whole)
+            stored = campaign.flight().parts["stored"]._fields
+            rows = [stored.index(name) for name in campaign.commands.values()]
             return flown.history[: flown.length[0], rows, 0]
 
         def said_of(numbers, period=0):
@@ -199,7 +287,7 @@ class Campaign:
             laws.check_angles(sentence, names, numbers, self.model.units)
             return sentence
 
-        python = commanded(in_python=True, whole=False)[0]
+        python = commanded(self._without_actuators(), in_python=True, whole=False)[0]
         said = said_of(python)
         if not np.isfinite(python).all():
             warnings.warn(f"{said}: {', '.join(names)} must be finite", stacklevel=5)
@@ -208,7 +296,7 @@ class Campaign:
         with _told_of_compiling(progress):
             units = self.model.units(names).values()
             waits = any(unit == "rad" and angle == 0.0 for unit, angle in zip(units, python, strict=True))
-            compiled = commanded(in_python=False, whole=waits)
+            compiled = commanded(self, in_python=False, whole=waits)
         require(
             np.allclose(compiled[0], python, rtol=1e-3, atol=1e-9, equal_nan=True),
             f"{said} in Python, compiled {', '.join(map('{:g}'.format, compiled[0]))}: compiled integers have 64 "
@@ -218,6 +306,16 @@ class Campaign:
             periods = np.flatnonzero(compiled[:, number])
             if periods.size:
                 said_of(compiled[periods[0]], periods[0])
+
+    def _without_actuators(self):
+        """The same flights without actuators, if they store the command: there what a law returns is looked at."""
+        if not self.actuators.kinds:
+            return self
+        plain = self._with(actuators=actuators.Bound())
+        if not {*plain.commands} <= {*plain.flight().parts["stored"]._fields}:
+            return self
+        plain.reached = plain._reached()
+        return plain
 
     def outcomes(self, flown):
         """Outcome of every trial that was flown, by name."""
@@ -246,13 +344,20 @@ class Campaign:
         """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
         flown = self.fly(trials, self.history, in_python)
         history = None if self.history is None else flown.cleared().history
-        return flown.final_state, self.outcomes(flown), history
+        final, outcome = flown.final_state, self.outcomes(flown)
+        if self.before:
+            outcome = self.before.outcomes(trials, outcome)
+            never = ~self.before.goes_on[trials[0] : trials[-1] + 1]
+            for numbers in (final, history) if history is not None else (final,):
+                numbers[..., never] = np.nan
+        return final, outcome, history
 
     def fly_all(self, first, last, processes, progress, compiled=True):
         """As `reduced`, of the trials first .. last - 1, in chunks; says how many are flown if that takes long."""
         require(compiled or processes == 1, "flights in Python (compiled=False) take no processes: leave one out")
         pickled = _for_processes(self) if processes > 1 else None
-        size = min(CHUNK, -(-(last - first) // processes)) if compiled else 1
+        largest = CHUNK_OF_OWN_AIR if self.model.air else CHUNK
+        size = min(largest, -(-(last - first) // processes)) if compiled else 1
         chunks = [range(low, min(low + size, last)) for low in range(first, last, size)]
         for chunk in chunks:
             self.drawn(chunk)  # refuses what cannot fly before anything flies
@@ -261,12 +366,27 @@ class Campaign:
             flown = (self.reduced(chunk, not compiled) for chunk in chunks)
             parts = _told(flown, last - first, progress)
         else:
-            with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-                jobs = [(pickled, chunk, processes) for chunk in chunks]
+            jobs = [(pickled, chunk, processes) for chunk in chunks]
+            with _pool(processes) as pool:
                 parts = _told(pool.map(_fly_chunk, jobs), last - first, progress)
         final, outcome, history = zip(*parts, strict=True)
         whole = None if history[0] is None else np.concatenate(history, axis=-1)
         return np.concatenate(final, axis=-1), np.concatenate(outcome), whole
+
+
+@contextmanager
+def _pool(processes):
+    """A pool of processes, none of which outlives an error or an interruption of what is done with it."""
+    others = {*active_children()}
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
+        yield pool
+    except BaseException:
+        for worker in {*active_children()} - others:
+            worker.terminate()
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 @contextmanager

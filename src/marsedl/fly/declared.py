@@ -26,6 +26,7 @@ __all__ = [
     "Uniform",
 ]
 
+LEAST_SHARE = 1e-6  # of a normal distribution that lies within its bounds
 SUFFIXES = {"_km": ("m", 1e3), "_deg": ("rad", np.pi / 180.0)}
 
 
@@ -62,16 +63,77 @@ def resolve(name: str, units: Mapping[str, str], what: str) -> tuple[str, float]
 # ---- dispersions -----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False)
 class Normal:
-    """A normally distributed number."""
+    """A normally distributed number, or one that is kept within bounds: `Normal(115.0, 80.0, above=0.0)`.
 
-    mean: float
-    deviation: float
+    Args:
+        mean, deviation: of the whole distribution. The attributes `mean` and `deviation` are those within the bounds.
+        above, below: bounds; the distribution is cut off there and its density within them scaled.
+    """
+
+    centre: float
+    spread: float
+    above: float
+    below: float
+
+    def __init__(self, mean, deviation, above=-np.inf, below=np.inf):
+        """Take the numbers, which are checked where they are used."""
+        for name, value in (("centre", mean), ("spread", deviation), ("above", above), ("below", below)):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self):
+        """As it is written."""
+        above = "" if self.above == -np.inf else f", above={self.above!r}"
+        below = "" if self.below == np.inf else f", below={self.below!r}"
+        return f"Normal(mean={self.centre!r}, deviation={self.spread!r}{above}{below})"
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it has a bound."""
+        return self.above > -np.inf or self.below < np.inf
+
+    @property
+    def mean(self):
+        """Mean within the bounds."""
+        return self.centre + self.spread * self._scaled_moments()[0]
+
+    @property
+    def deviation(self):
+        """Standard deviation within the bounds."""
+        return self.spread * self._scaled_moments()[1]
+
+    def _scaled_moments(self):
+        """Mean from the centre, and deviation, in units of the spread."""
+        if not self.is_bounded:
+            return 0.0, 1.0
+        from scipy.stats import truncnorm
+
+        return tuple(map(float, (truncnorm.mean(*self._scaled_bounds()), truncnorm.std(*self._scaled_bounds()))))
+
+    def _scaled_bounds(self):
+        """Bounds from the centre, in units of the spread."""
+        return (self.above - self.centre) / self.spread, (self.below - self.centre) / self.spread
+
+    def share_within(self):
+        """Probability of the whole distribution that lies within the bounds; not positive if nothing does."""
+        from scipy.special import ndtr
+
+        low, high = self._scaled_bounds()
+        return ndtr(high) - ndtr(low) if low < 0.0 else ndtr(-low) - ndtr(-high)
 
     def of_normals(self, z):
-        """Numbers made of standard normals."""
-        return self.mean + self.deviation * z
+        """Numbers made of standard normals: those within bounds by their quantiles."""
+        if not self.is_bounded:
+            return self.centre + self.spread * z
+        from scipy.special import ndtr, ndtri
+
+        low, high = self._scaled_bounds()
+        # Both tails are sums of positive numbers, so that neither loses digits.
+        lower_tail = ndtr(low) * ndtr(-z) + ndtr(high) * ndtr(z)
+        upper_tail = ndtr(-low) * ndtr(-z) + ndtr(-high) * ndtr(z)
+        scaled = np.where(lower_tail < 0.5, ndtri(lower_tail), -ndtri(upper_tail))
+        return np.clip(self.centre + self.spread * scaled, self.above, self.below)
 
 
 @dataclass(frozen=True)
@@ -111,20 +173,41 @@ class MultivariateNormal:
         return deviations, root(scaled)
 
 
+class Column(NamedTuple):
+    """A number for each trial, given one by one."""
+
+    values: np.ndarray  # (trials,)
+
+    @property
+    def mean(self):
+        """Mean of all."""
+        return float(self.values.mean())
+
+
 def is_number(value) -> bool:
     """Whether it is a finite number, of Python or of numpy."""
     return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
 
 
 def require_numbers(parts, what):
-    """Refuse dispersions and words among the members of a tuple, at any depth. Raises ValueError."""
+    """Refuse dispersions, and words among the members of a tuple, at any depth. Raises ValueError."""
+    require(
+        not isinstance(parts, Normal | Uniform | MultivariateNormal),
+        f"{what} is {parts!r}: give a number; start and the vehicle's numbers take dispersions",
+    )
+    if not isinstance(parts, tuple):
+        return
     for name, value in zip(getattr(parts, "_fields", range(len(parts))), parts, strict=True):
-        if isinstance(value, tuple):
-            require_numbers(value, f"{what}.{name}")
-        elif isinstance(value, Normal | Uniform | MultivariateNormal | str | None):
-            raise ValueError(
-                f"{what}.{name} is {value!r}: give a number; start and the vehicle's numbers take dispersions"
-            )
+        require(not isinstance(value, str | None), f"{what}.{name} is {value!r}: give a number")
+        require_numbers(value, f"{what}.{name}")
+
+
+def numbers_of(given, what):
+    """An array of floats. Raises ValueError for what is none, such as one that holds dispersions."""
+    try:
+        return np.array(given, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} {' '.join(repr(given).split())}: give numbers") from None
 
 
 class Declared(NamedTuple):
@@ -137,24 +220,41 @@ class Declared(NamedTuple):
     means: tuple[float, ...]
     single: tuple[tuple[int, Normal | Uniform, float], ...]  # place, distribution, SI factor
     joint: tuple[tuple[tuple[int, ...], np.ndarray], ...]  # places, root of the covariance
+    sampled: tuple[tuple[int, np.ndarray], ...] = ()  # place, a number for each trial
 
     def dispersed(self) -> list[str]:
         """Names that are dispersed, in order."""
         places = {place for place, *_ in self.single} | {place for places, _ in self.joint for place in places}
-        return [self.names[place] for place in sorted(places)]
+        return [self.names[place] for place in sorted(places | {place for place, _ in self.sampled})]
 
-    def sample(self, seed, stream, trials, bounds=None):
-        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name."""
+    def sample(self, seed, stream, trials, bounds=None, only=None):
+        """Values (names, trials) of these trials; refused if one lies beyond the bounds of its name.
+
+        only: the one normal of each trial that is not zero, see `streams.normals`.
+        """
+        return self.of_normals(self.normals(seed, stream, trials, only), trials, bounds)
+
+    def normals(self, seed, stream, trials, only=None):
+        """Standard normals of these trials, (names, trials), none if nothing is made of them."""
         from marsedl.montecarlo.streams import normals
 
+        return normals(seed, stream, trials, len(self.names), only).T if self.single or self.joint else None
+
+    def of_normals(self, z, trials, bounds=None):
+        """As `sample`, made of standard normals."""
         values = np.tile(np.reshape(self.means, (-1, 1)), len(trials))
-        if self.single or self.joint:
-            z = normals(seed, stream, trials, len(self.names)).T
-            for place, distribution, factor in self.single:
-                values[place] = factor * distribution.of_normals(z[place])
-            for places, root in self.joint:
-                # Not a matrix product, whose sums depend on the number of trials.
-                values[list(places)] += sum(np.outer(column, z[k]) for column, k in zip(root.T, places, strict=True))
+        for place, distribution, factor in self.single:
+            values[place] = factor * distribution.of_normals(z[place])
+        for places, root in self.joint:
+            # Not a matrix product, whose sums depend on the number of trials.
+            values[list(places)] += sum(np.outer(column, z[k]) for column, k in zip(root.T, places, strict=True))
+        for place, column in self.sampled:
+            require(
+                trials[-1] < column.size,
+                f"the samples have {column.size:,} rows, for the trials 0 to {column.size - 1:,}, and trial "
+                f"{trials[-1]:,} is asked for: fly fewer trials or give more rows",
+            )
+            values[place] = column[np.asarray(trials)]
         for name in [name for name in self.names if name in (bounds or {})]:
             (low, high), drawn = bounds[name], values[self.names.index(name)]
             beyond = np.flatnonzero(~((low <= drawn) & (drawn <= high)))
@@ -162,7 +262,7 @@ class Declared(NamedTuple):
                 raise ValueError(
                     f"{name} {within(low, high)}, but {beyond.size:,} of the trials {trials[0]:,} to {trials[-1]:,} "
                     f"draw others, such as {drawn[beyond[0]]:.4g} in trial {trials[beyond[0]]:,}: give a smaller "
-                    f"deviation, or Uniform(low, high)"
+                    f"deviation, Normal(mean, deviation, above=..., below=...) or Uniform(low, high)"
                 )
         return values
 
@@ -193,7 +293,7 @@ def declare(given, units, defaults, what, bounds) -> Declared:
         isinstance(given, Mapping),
         f"{what} is of type {type(given).__name__}: give a mapping from names to numbers; it has {', '.join(units)}",
     )
-    names, means, single, joint, seen = tuple(units), dict(defaults), [], [], set()
+    names, means, single, joint, sampled, seen = tuple(units), dict(defaults), [], [], [], set()
 
     def number(value, name):
         require(
@@ -224,7 +324,8 @@ def declare(given, units, defaults, what, bounds) -> Declared:
                 isinstance(value, MultivariateNormal),
                 f"{what} {key}: several names take MultivariateNormal(means, covariance)",
             )
-            mean, covariance = np.asarray(value.mean, float), np.asarray(value.covariance, float)
+            mean = numbers_of(value.mean, f"{what} {key}: the means are")
+            covariance = numbers_of(value.covariance, f"{what} {key}: the covariance is")
             require(
                 mean.shape == (len(key),) and covariance.shape == (len(key), len(key)),
                 f"{what} {key}: means {mean.shape} and covariance {covariance.shape} do not fit them",
@@ -240,20 +341,45 @@ def declare(given, units, defaults, what, bounds) -> Declared:
                 ) from None
             joint.append((places, np.reshape(np.multiply(factors, deviations), (-1, 1)) * root))
         elif isinstance(value, Normal | Uniform):
-            value = type(value)(*(number(part, key) for part in vars(value).values()))
-            require(
-                (value.deviation if isinstance(value, Normal) else value.high - value.low) >= 0.0,
-                f"{what} {key!r} is {value}; a deviation is not negative, and low not above high",
-            )
+            value = _checked(value, f"{what} {key!r}", lambda part, key=key: number(part, key))
             place, factor = accept(key, value.mean)
             single.append((place, value, factor))
+        elif isinstance(value, Column):
+            place, factor = accept(key, value.mean)
+            low, high = bounds.get(names[place], (-np.inf, np.inf))
+            for row in np.flatnonzero(~((low <= factor * value.values) & (factor * value.values <= high)))[:1]:
+                raise ValueError(
+                    f"samples {key!r}: row {row} is {value.values[row]:g}; it {within(low / factor, high / factor)}"
+                )
+            sampled.append((place, factor * value.values))
         else:
             accept(key, number(value, key))
     for name in names:
         require(
             name in means, f"{what} {name!r} is missing; it needs {', '.join(n for n in names if n not in defaults)}"
         )
-    return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint))
+    return Declared(names, tuple(means[name] for name in names), tuple(single), tuple(joint), tuple(sampled))
+
+
+def _checked(distribution, what, number):
+    """A distribution of checked numbers; `number` checks one. Raises ValueError."""
+    if isinstance(distribution, Uniform):
+        distribution = Uniform(number(distribution.low), number(distribution.high))
+        require(
+            distribution.low <= distribution.high,
+            f"{what} is {distribution}; a deviation is not negative, and low not above high",
+        )
+        return distribution
+    bounds = (
+        bound if bound in (-np.inf, np.inf) else number(bound) for bound in (distribution.above, distribution.below)
+    )
+    normal = Normal(number(distribution.centre), number(distribution.spread), *bounds)
+    require(normal.spread >= 0.0, f"{what} is {normal}; a deviation is not negative, and low not above high")
+    require(
+        not normal.is_bounded or (normal.spread > 0.0 and normal.share_within() >= LEAST_SHARE),
+        f"{what} is {normal}, of which nearly nothing lies within the bounds; give wider bounds, a positive deviation",
+    )
+    return normal
 
 
 # ---- triggers --------------------------------------------------------------------------------------------------------
@@ -330,7 +456,7 @@ class Table(NamedTuple):
         """Altitude (m) and density (kg/m^3) of the rows, (n, 2). Raises ValueError for what is no density table."""
         if isinstance(self.source, str | Path):
             return read_density_table(self.source)
-        rows = np.asarray(self.source, float)
+        rows = numbers_of(self.source, "the table of air is")
         require(
             rows.ndim == 2 and rows.shape[1] == 2,
             f"a table of air has rows of altitude (m) and density (kg/m^3), not shape {rows.shape}",
@@ -373,6 +499,11 @@ class Markov:
         for name in ("correlation_length", "spacing"):
             require(getattr(self, name) > 0.0, f"Markov air: {name} is {getattr(self, name)!r} m; it must be positive")
         require(self.top > self.bottom, f"Markov air: top ({self.top} m) must lie above bottom ({self.bottom} m)")
+
+    @property
+    def retention(self):
+        """Correlation of neighbouring nodes."""
+        return float(np.exp(-self.spacing / self.correlation_length))
 
     def nodes(self):
         """Altitudes, m, from the bottom up."""

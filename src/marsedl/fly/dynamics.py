@@ -18,7 +18,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 
 _START = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
 EntryState = namedtuple("EntryState", _START, defaults=(np.pi / 2, 0.0, 0.0))
-EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift"))
+EntrySensed = namedtuple("EntrySensed", (*_START, "range", "crossrange", "density", "drag", "lift", "energy"))
 EntryVehicle = namedtuple("EntryVehicle", ("ballistic_coefficient", "lift_to_drag"))
 EntryWatched = namedtuple("EntryWatched", ("max_load", "min_altitude", "max_altitude"), defaults=(0.0, np.inf, -np.inf))
 EntryStored = namedtuple("EntryStored", (*EntrySensed._fields, "bank"))
@@ -75,15 +75,21 @@ def entry_rates(state, found, command: Bank, vehicle, p) -> EntryState:
 
 
 def entry_sense(state, found, vehicle, p) -> EntrySensed:
-    """State, aerodynamic accelerations, and distances along and from the great circle of the nominal start."""
+    """State, aerodynamic accelerations, energy, and distances along and from the great circle of the nominal start."""
     density = exponential(found.log_density) * found.factor
     drag = 0.5 / vehicle.ballistic_coefficient * density * state.velocity * state.velocity
+    return sensed_at(state, density, drag, vehicle.lift_to_drag * drag, (p.gravitational_parameter, p.radius), p.frame)
+
+
+def sensed_at(state, density, drag, lift, planet, frame):
+    """What is sensed at a state, of the accelerations of the air there; planet: gravitational parameter and radius."""
+    gravitational_parameter, radius = planet
     (sin_latitude, cos_latitude), (sin_longitude, cos_longitude) = (
         sine_cosine(state.latitude),
         sine_cosine(state.longitude),
     )
     x, y, z = cos_latitude * cos_longitude, cos_latitude * sin_longitude, sin_latitude
-    (a, b, c), (d, e, f), (g, h, i) = p.frame
+    (a, b, c), (d, e, f), (g, h, i) = frame
     up, ahead, right = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
     return EntrySensed(
         state.altitude,
@@ -92,11 +98,12 @@ def entry_sense(state, found, vehicle, p) -> EntrySensed:
         state.azimuth,
         state.latitude,
         state.longitude,
-        p.radius * arctangent(ahead, up),
-        p.radius * arctangent(right, np.sqrt(up * up + ahead * ahead)),
+        radius * arctangent(ahead, up),
+        radius * arctangent(right, np.sqrt(up * up + ahead * ahead)),
         density,
         drag,
-        vehicle.lift_to_drag * drag,
+        lift,
+        0.5 * state.velocity * state.velocity - gravitational_parameter / (radius + state.altitude),
     )
 
 
@@ -124,6 +131,7 @@ def entry_store(sensed, command: Bank) -> EntryStored:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         command.bank,
     )
 
@@ -144,6 +152,7 @@ def entry_finish(time, sensed, watched) -> EntryFinal:
         sensed.density,
         sensed.drag,
         sensed.lift,
+        sensed.energy,
         whole.max_load,
         whole.min_altitude,
         whole.max_altitude,
@@ -180,6 +189,7 @@ LanderVehicle = namedtuple("LanderVehicle", ("specific_impulse", "smallest_thrus
 LanderParameters = namedtuple("LanderParameters", ("gravity", "thrust_noise", "dry_mass"))
 LanderWatched = namedtuple("LanderWatched", ("max_command", "min_command"), defaults=(0.0, np.inf))
 Thrust = namedtuple("Thrust", ("thrust_downrange", "thrust_vertical"))
+Engine = namedtuple("Engine", ("thrust", "tilt"))
 Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
@@ -199,6 +209,21 @@ def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
         1.0 / (vehicle.specific_impulse * STANDARD_GRAVITY),
     )
     return LanderState(*changes)
+
+
+def engine_of(command: Thrust) -> Engine:
+    """Thrust and its tilt, which is zero without thrust."""
+    thrust = np.sqrt(
+        command.thrust_downrange * command.thrust_downrange + command.thrust_vertical * command.thrust_vertical
+    )
+    return Engine(thrust, arctangent(command.thrust_downrange, command.thrust_vertical))
+
+
+def thrust_of(engine: Engine, vehicle) -> Thrust:
+    """Components of the thrust, which is within its limits until it is off."""
+    given = clip(engine.thrust, vehicle.smallest_thrust, vehicle.largest_thrust) if engine.thrust > 0.0 else 0.0
+    sine, cosine = sine_cosine(engine.tilt)
+    return Thrust(given * sine, given * cosine)
 
 
 def lander_watch(watched, command) -> LanderWatched:

@@ -10,15 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.fly.budget import Budget, budget_of, moves, sources_of
 from marsedl.fly.campaign import AT_ONCE, NOT_FINITE, Campaign
 from marsedl.fly.declared import is_number, resolve
+from marsedl.fly.phases import PhaseBefore, phase_before
 from marsedl.fly.vehicles import END_TIME
-from marsedl.montecarlo.statistics import TAIL, order_interval
+from marsedl.montecarlo.statistics import TAIL, order_interval, paired_percentile_interval, paired_share_interval
 from marsedl.words import missing, require
 
 __all__ = ["Flights", "OneFlight", "order_interval"]
 
 _GOAL = re.compile(r"p(\d+(?:\.\d+)?) of (\w+) within (\d+(?:\.\d+)?(?:e[+-]?\d+)?) ?(\S+)")
+_A_NUMBER = "{!r} is a number; give a condition, such as 'abs(range_km - 640) < 2'"
 
 
 def _require_count(number, name):
@@ -61,6 +64,58 @@ def _expression(text, value_of):
         raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
 
 
+def _spread_of_pairs(first, second):
+    """Deviation of the differences, and correlation; NaN where so few pairs, or constant numbers, have none."""
+    varies = first.size > 1 and first.std() > 0 and second.std() > 0
+    deviation = (first - second).std(ddof=1) if first.size > 1 else np.nan
+    return deviation, np.corrcoef(first, second)[0, 1] if varies else np.nan
+
+
+def _difference(first, second, confidence, percentile):
+    """Difference of the shares of two conditions, of a percentile, or of the means; and its interval."""
+    if first.size == 0:
+        return np.nan, (np.nan, np.nan)
+    if first.dtype == bool:
+        return first.mean() - second.mean(), paired_share_interval(first, second, confidence)
+    if percentile is None:
+        return mean_interval(first - second, confidence)
+    _needed(percentile)
+    level = percentile / 100.0
+    difference = np.quantile(first, level) - np.quantile(second, level)
+    return difference, paired_percentile_interval(first, second, level, confidence)
+
+
+def mean_interval(samples, confidence):
+    """Mean and its interval by Student's t."""
+    from scipy.special import stdtrit
+
+    count = samples.size
+    mean = samples.mean() if count else np.nan
+    deviation = samples.std(ddof=1) if count > 1 else np.nan
+    width = stdtrit(count - 1, 0.5 + 0.5 * confidence) * deviation / np.sqrt(count) if count > 1 else np.nan
+    return mean, (mean - width, mean + width)
+
+
+class Search(NamedTuple):
+    """How `until` stopped: what was asked, whether it is reached, after how many looks, both half-widths, their unit.
+
+    A goal that was reached at the first look took no choice, and its interval holds as often as it says.
+    """
+
+    goal: str
+    reached: bool
+    looks: int
+    half_width: float
+    wanted: float
+    unit: str
+
+    def __str__(self):
+        """In words."""
+        found = f"the half-width is {self.half_width:.3g} {self.unit}"
+        looks = f"{self.looks:,} look{'s' * (self.looks > 1)}"
+        return f"{self.goal!r} is {'' if self.reached else 'not '}reached after {looks}: {found}"
+
+
 class OneFlight(NamedTuple):
     """One trial alone: what is stored at every step and the end, its final numbers, its outcome, what it drew."""
 
@@ -85,13 +140,20 @@ class Flights:
     histories: np.ndarray | None  # (times, quantities, trials)
     how: tuple  # processes, progress and whether compiled, for further ones
     derived: Mapping[str, tuple] = field(default_factory=dict)  # name: (unit, expression or function)
+    search: Search | None = None  # how `until` stopped, if it chose how many there are
 
     @classmethod
     def flown(cls, campaign: Campaign, trials, *how) -> "Flights":
-        """Fly; says how many flights the model did not cover. Raises ValueError as `fly`."""
+        """Fly; says how many flights the model did not cover. Raises ValueError and KeyboardInterrupt as `fly`."""
         for name, number in (("trials", trials), ("processes", how[0])):
             _require_count(number, name)
-        return cls(campaign, *campaign.fly_all(0, int(trials), *how), how)._told()
+        try:
+            flown = campaign.fly_all(0, int(trials), *how)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                "interrupted: no flight is kept; fly fewer trials and add to them by `extended`, which keeps them"
+            ) from None
+        return cls(campaign, *flown, how)._told()
 
     def _told(self):
         """These flights; warns of those that the model did not cover."""
@@ -115,7 +177,8 @@ class Flights:
         """How many, and how they ended."""
         ended = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items())
         truth = f"; the law is told the truth: {', '.join(self.truth)}" if self.truth else ""
-        return f"Flights({self.trials:,}: {ended}{truth})"
+        search = f"; {self.search}" if self.search else ""
+        return f"Flights({self.trials:,}: {ended}{truth}{search})"
 
     @property
     def truth(self) -> tuple[str, ...]:
@@ -144,16 +207,19 @@ class Flights:
         Those of the start are `start_velocity` and the like, those of the vehicle have its names, constant errors of
         senses are `altitude_bias` and the like. What air and noise drew is not among them.
         """
-        return self._drawn(range(self.trials))
+        recorded = self.campaign.recorded
+        return self._drawn(range(self.trials)) if recorded is None else recorded
 
     def _drawn(self, trials):
         """What some trials drew, by name."""
         campaign, senses = self.campaign, self.campaign.senses
         start, vehicle = campaign.drawn(trials)
+        if campaign.before:
+            start[:, ~campaign.before.goes_on[trials[0] : trials[-1] + 1]] = np.nan
         dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
         of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
         return {
-            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.start.dispersed()},
+            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.dispersed_start()},
             **{name: values for name, values in of_vehicle if name in dispersed},
         }
 
@@ -207,6 +273,18 @@ class Flights:
         )
         return self._of(name, self._known)
 
+    def is_condition(self, what) -> bool:
+        """Whether something that is asked for holds or not. Raises ValueError for what is no quantity, too."""
+        return self._asked(what).dtype == bool
+
+    def _asked(self, what):
+        """A number of all flights, or whether a condition holds. Raises ValueError for what is neither."""
+        if not isinstance(what, str) or what.strip().isidentifier():
+            return self.values(what)
+        holds = self._evaluated(what, self._known)
+        require(holds.dtype == bool, _A_NUMBER.format(what))
+        return holds
+
     def _of(self, name, known):
         base, factor = resolve(name, {name: self._meaning(name)[0] for name in known}, "quantity")
         return known[base] / factor
@@ -221,9 +299,12 @@ class Flights:
         known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
         if name not in known and base in known:
             return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
-        base = name.removeprefix("start_")
-        if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, at the start"
+        for prefix, said in (("start_", "at the start"), ("commanded_", "as commanded")):
+            base = name.removeprefix(prefix)
+            if name not in known and base in known:
+                return known[base][0], f"{known[base][1]}, {said}"
+        if name not in known and name.startswith("saturated_"):
+            return "", f"guidance periods in which limits kept {name.removeprefix('saturated_')} from what is commanded"
         return known.get(name, ("", name))
 
     def _counted(self):
@@ -231,7 +312,9 @@ class Flights:
         counted = self.campaign.counts(self.outcome)
         lost = {*self.outcome[~counted]}
         others = ", ".join(f"{count:,} {name}" for name, count in self.outcomes().items() if name in lost)
-        return counted, f"{others} of {self.trials:,} flights left out" if others else ""
+        left_out = f"{others} of {self.trials:,} flights left out" if others else ""
+        looked = f"`until` looked {self.search.looks} times" if self.search and self.search.looks > 1 else ""
+        return counted, "; ".join(filter(None, (left_out, looked)))
 
     def percentiles(self, names, levels=(1, 50, 99), confidence=0.95):
         """Percentiles of final numbers over all flights that ended, with distribution-free confidence intervals.
@@ -273,12 +356,18 @@ class Flights:
 
         The half-width of its 95 % interval shall be at most this share of its value, or this much in its unit ("within
         200 m", "p1 of altitude_km within 0.1 km"). The number of flights doubles each time; the first ones are kept.
-        As it looks after each doubling and stops once the interval is narrow, the interval holds the percentile a
-        little less often than 95 % says; where that matters, look again with `extended`.
+        As it looks after each doubling and stops once the interval is narrow, intervals hold what they are of a little
+        less often than they say, which their notes tell; flights that are `extended` to a number chosen beforehand do
+        not have this fault.
+
+        Returns:
+            All flights that were flown. Their `search` says whether the goal is reached, and how closely; a warning,
+            too, if it is not: by at_most flights, or as the percentile lies so near zero that at_most flights could not
+            tell it within that percentage.
 
         Raises:
-            ValueError: for a goal of another form, and for one that at_most flights do not reach; then the error's
-                `flights` are those that were flown.
+            ValueError: for a goal of another form, or of which at_most flights have no interval.
+            KeyboardInterrupt: when it is interrupted; its `flights` are those of the last look.
         """
         match = _GOAL.fullmatch(goal.strip()) if isinstance(goal, str) else None
         require(match, f"goal {goal!r} is not of the form 'p99 of range within 5 %', or 'within 200 m'")
@@ -287,57 +376,87 @@ class Flights:
         own = self._meaning(name)[0]
         require(unit in ("%", own), f"goal {goal!r}: {name} is in {own}; write '%' or '{own}'")
         _require_count(at_most, "at_most")
-        flights, needed = self, _needed(level)
+        flights, needed, looks = self, _needed(level), 0
         require(
             at_most >= needed,
             f"goal {goal!r}: an interval of p{level:g} takes {needed:,} flights; at_most is {at_most:,}",
         )
         while True:
-            row = flights.percentiles([name], [level]).iloc[0]
+            row, looks = flights.percentiles([name], [level]).iloc[0], looks + 1
             reached = 0.5 * (row["upper"] - row["lower"])
             wanted = width * (abs(row["value"]) / 100 if unit == "%" else 1)
-            if reached <= wanted:
-                return flights
-            if flights.trials >= at_most:
-                width = f"the half-width is {reached:.3g} {own}, wanted are {wanted:.3g} {own}"
-                none = f"an interval takes {needed:,} flights that end as they should"
-                near_zero = f"; of a value of {row['value']:.3g} {own} ask for a width in {own}" if unit == "%" else ""
-                error = ValueError(
-                    f"{goal!r} is not reached by {flights.trials:,} flights: "
-                    f"{none if np.isnan(reached) else width + near_zero}; the error's `flights` holds them"
-                )
-                error.flights = flights
-                raise error
+            # An interval narrows by the root of the number of flights.
+            farthest, narrowest = max(abs(row["lower"]), abs(row["upper"])), reached * (flights.trials / at_most) ** 0.5
+            is_zero = unit == "%" and row["lower"] <= 0.0 <= row["upper"] and narrowest > width / 100 * farthest
+            if reached <= wanted or is_zero or flights.trials >= at_most:
+                break
             flights = flights.extended(min(2 * flights.trials, at_most))
+        search = Search(goal.strip(), bool(reached <= wanted), looks, reached, wanted, own)
+        if not search.reached:
+            why = f"wanted {'is' if unit == '%' else 'are'} {wanted:.3g} {own}"
+            if np.isnan(reached):
+                why = f"an interval takes {needed:,} flights that end as they should"
+            elif is_zero:
+                why = f"about zero a percentage takes more than {at_most:,} flights: ask for a width in {own}"
+            elif unit == "%":
+                why += f"; of a value of {row['value']:.3g} {own} ask for a width in {own}"
+            warnings.warn(f"{search}: {why}", stacklevel=2)
+        return replace(flights, search=search)
 
     def extended(self, trials) -> "Flights":
-        """The same flights and further ones, up to this number of trials. Raises ValueError for no more than now."""
+        """The same flights and further ones, up to this number of trials.
+
+        The last flight is flown again beside them, and must have the same bits as before.
+
+        Raises:
+            ValueError: for no more trials than now, or flights that are others now.
+            KeyboardInterrupt: when it is interrupted; these flights stay, also as its `flights`.
+        """
         _require_count(trials, "trials")
         require(
             trials > self.trials, f"extended takes more trials than the {self.trials:,} that are flown, got {trials:,}"
         )
-        more = self.campaign.fly_all(self.trials, trials, *self.how)
-        pairs = zip((self.numbers, self.outcome, self.histories), more, strict=True)
-        joined = (None if new is None else np.concatenate([old, new], axis=-1) for old, new in pairs)
+        try:
+            again, *outcome_and_histories = self.campaign.fly_all(self.trials - 1, int(trials), *self.how)
+        except KeyboardInterrupt:
+            interrupt = KeyboardInterrupt(
+                f"interrupted: the {self.trials:,} flights before are kept; extend them again"
+            )
+            interrupt.flights = self
+            raise interrupt from None
+        require(
+            np.array_equal(again[:, 0], self.numbers[:, -1], equal_nan=True),
+            f"flight {self.trials - 1} has other numbers now: what flies it has changed, such as a package; fly all of "
+            f"them again",
+        )
+        pairs = zip((self.numbers, self.outcome, self.histories), (again, *outcome_and_histories), strict=True)
+        joined = (None if new is None else np.concatenate([old, new[..., 1:]], axis=-1) for old, new in pairs)
         return Flights(self.campaign, *joined, self.how, self.derived)._told()
 
-    def against(self, other, names=None, confidence=0.95):
-        """Mean differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
+    def against(self, other, names=None, confidence=0.95, percentile=None):
+        """Differences to other flights of the same seed, trial by trial: both met the same start, air and noise.
 
         Args:
-            other: `Flights` of as many trials. names: quantities; by default all that both have.
-            confidence: of the intervals of the mean differences, by Student's t. The differences are to be normal,
-                or many.
+            other: `Flights` of as many trials. names: quantities, or conditions as of `probability`; by default all
+                quantities that both have.
+            confidence: of the intervals. Those of mean differences are by Student's t: the differences are to be
+                normal, or many. They hold less often if few differences are skewed: those of a lognormal distribution
+                (of deviation 1 of the logarithm) 82 % of the time with 5 flights, 88 % with 30, 93 % with 200, in
+                place of 95 %. Tails that are heavy on both sides do no harm. Those of percentiles are between order
+                statistics of the pairs (`statistics.paired_percentile_interval`), those of shares are by scores
+                (`statistics.paired_share_interval`), whatever the distribution.
+            percentile: per cent: then the difference is that of this percentile, not of the mean.
 
         Returns:
-            Data frame with columns quantity, unit, difference (mean of these minus the other), lower, upper, deviation
-            (of the differences), correlation, flights (that ended in both).
+            Data frame with columns quantity, unit, difference (of the mean, percentile or share: these minus the
+            other), lower, upper, deviation (of the differences of all flights), correlation, flights (that ended in
+            both). An interval that so few flights do not have is NaN.
 
         Raises:
-            ValueError: for flights of another seed or number, or an unknown quantity.
+            ValueError: for flights of another seed or number, an unknown quantity, a condition with a percentile, or a
+                level that is no percentage.
         """
         import pandas as pd
-        from scipy.special import stdtrit
 
         _require_confidence(confidence)
         require(isinstance(other, Flights), f"against takes Flights, not {type(other).__name__}")
@@ -348,15 +467,18 @@ class Flights:
             f"both with the same seed and trials, so that they meet the same errors",
         )
         both, rows = self._counted()[0] & other._counted()[0], []
-        for name in names if names is not None else [name for name in self.final if name in other.final]:
-            first, second = self.values(name)[both], other.values(name)[both]
-            difference, count = first - second, int(both.sum())
-            deviation = difference.std(ddof=1) if count > 1 else np.nan
-            width = stdtrit(count - 1, 0.5 + 0.5 * confidence) * deviation / np.sqrt(count) if count > 1 else np.nan
-            mean = difference.mean() if count else np.nan
-            varies = count > 1 and first.std() > 0 and second.std() > 0
-            correlation = np.corrcoef(first, second)[0, 1] if varies else np.nan
-            rows.append((name, self._meaning(name)[0], mean, mean - width, mean + width, deviation, correlation, count))
+        names = [name for name in self.final if name in other.final] if names is None else names
+        for name in [names] if isinstance(names, str) else names:
+            first, second = self._asked(name)[both], other._asked(name)[both]
+            is_condition = first.dtype == bool
+            require(
+                not is_condition or percentile is None,
+                f"{name!r} is a condition, which has a share and no percentile: leave percentile out",
+            )
+            deviation, correlation = _spread_of_pairs(first.astype(float), second.astype(float))
+            difference, (lower, upper) = _difference(first, second, confidence, percentile)
+            unit = "" if is_condition else self._meaning(name)[0]
+            rows.append((name, unit, difference, lower, upper, deviation, correlation, first.size))
         columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
         return pd.DataFrame(rows, columns=columns)
 
@@ -384,6 +506,22 @@ class Flights:
         order = np.argsort(np.where(counted, -distances[side](), np.inf), kind="stable")
         return self.to_pandas().iloc[order[: min(count, int(counted.sum()))]]
 
+    def as_start(self, start: Mapping | Callable) -> PhaseBefore:
+        """The start of a next phase, fly(Lander(...), these.as_start(...)): trial i goes on where it ended here.
+
+        Trials that did not end as they should here have the outcome "before: ..." there, no numbers, and count in no
+        statistics. The phase has streams of random numbers of its own, whatever its seed; its time starts from 0.
+
+        Args:
+            start: mapping from the names of the next start to names of numbers here, both with their suffixes, or to
+                a number, `Normal` or `Uniform`: {"altitude": "altitude", "downrange_km": "range_km", "mass": 900.0}.
+                Or a function of a mapping from all names here to (trials,), which returns such a mapping to (trials,).
+
+        Raises:
+            ValueError: for an unknown quantity, or numbers that are not one for each trial.
+        """
+        return phase_before(self, start)
+
     def left_out(self):
         """Data frame of the flights that statistics leave out, with how they ended and what they drew."""
         return self.to_pandas().loc[~self._counted()[0]]
@@ -406,7 +544,7 @@ class Flights:
 
         _require_confidence(confidence)
         holds, (counted, left_out) = self._evaluated(condition, self._known), self._counted()
-        require(holds.dtype == bool, f"{condition!r} is a number; give a condition, such as 'abs(range_km - 640) < 2'")
+        require(holds.dtype == bool, _A_NUMBER.format(condition))
         flights, true = int(counted.sum()), int(holds[counted].sum())
         interval = binomtest(true, flights).proportion_ci(confidence) if flights else (np.nan, np.nan)
         numbers = {"value": true / flights if flights else np.nan, "lower": interval[0], "upper": interval[1]}
@@ -451,6 +589,49 @@ class Flights:
         rows.append(("all else", rest, np.nan, np.nan, result.size, note))
         return pd.DataFrame(rows, columns=["drawn", "share", "lower", "upper", "flights", "note"])
 
+    def budget(self, quantity, tolerance=0.03) -> Budget:
+        """Standard deviation of a quantity as its sources make it, by flights that move one normal number each.
+
+        It is linear covariance analysis of the flights as they fly, with law, memory, limits and trigger: every
+        independent normal number (of start, vehicle and senses, of each node of the air, of navigation and white noise
+        in each period and step) is moved by a quarter of a deviation and by a whole one to both sides. The squares of
+        the slopes over the quarter add up to the variance. A dispersed `Uniform` number counts as its deviation.
+
+        Args:
+            quantity: final, drawn or derived, with a suffix or without.
+            tolerance: relative, of the deviation, by which linear covariance may fail before `notes` says so.
+
+        Returns:
+            `Budget`: deviation and shares, and in `notes` where it is not linear.
+
+        Raises:
+            ValueError: for an unknown quantity, a tolerance that is not positive, flights of which nothing is
+                dispersed, or whose flight without errors does not end as it should.
+        """
+        require(
+            is_number(tolerance) and tolerance > 0.0,
+            f"tolerance is {tolerance!r}; give a positive share of the deviation, such as 0.03",
+        )
+        flown = self.values(quantity)[self._counted()[0]].astype(float)
+        sources, perturbed = self._perturbed
+        perturbed = replace(perturbed, derived=self.derived)
+        values = np.where(perturbed._counted()[0], perturbed.values(quantity).astype(float), np.nan)
+        return budget_of(quantity, self._meaning(quantity)[0], sources, values, flown, tolerance)
+
+    @cached_property
+    def _perturbed(self):
+        """The independent normal numbers, and flights that are moved by each."""
+        compiled = self.how[-1]
+        sources = sources_of(self.campaign, in_python=not compiled)
+        campaign = self.campaign.perturbed(moves(sources))
+        flown = campaign.fly_all(0, campaign.only.shape[1], 1, False, compiled)
+        flights = Flights(campaign, *flown, (1, False, compiled))
+        require(
+            flights._counted()[0][0],
+            f"the flight without errors ends {str(flights.outcome[0])!r}: a budget takes one that ends as it should",
+        )
+        return sources, flights
+
     def replay(self, trial, in_python=False) -> OneFlight:
         """Fly one trial again, alone, with all that is stored at every integration step: the same bits.
 
@@ -468,6 +649,10 @@ class Flights:
             f"trial {trial!r} is not among those flown, 0 to {self.trials - 1:,}",
         )
         campaign, trial = self.campaign, int(trial)
+        require(
+            campaign.before is None or campaign.before.goes_on[trial],
+            f"trial {trial} has no such flight; {self.outcome[trial]}",
+        )
         step = campaign.period / campaign.substeps
         flown = campaign.fly(range(trial, trial + 1), step, in_python or not self.how[-1])
         length, parts = int(flown.length[0]), campaign.flight().parts
@@ -475,10 +660,25 @@ class Flights:
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
         if "end_time" in final:  # of an end within a step; the command is held
-            held = {name: history[name].iloc[-1] for name in parts["command"]._fields if name in history}
+            held = {name: history[name].iloc[-1] for name in campaign.commands.values() if name in history}
             history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
         drawn = {name: float(one) for name, (one,) in self._drawn(range(trial, trial + 1)).items()}
         return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
+
+    def save(self, path) -> None:
+        """Keep these flights in an HDF5 file: all numbers, and the declaration, by which `load` goes on.
+
+        The groups final, drawn and history hold a variable for each quantity, with units and meanings, which
+        `xarray.open_dataset(path, group="final")` reads, too. The group declaration holds the arguments of `fly` and
+        the source of the law with its helpers, for reading. Functions are found again by import, as those of pickle
+        are. Quantities of your own are kept as expressions.
+
+        Warns of quantities that are functions, which are left out. Raises OSError naming the file if it cannot be
+        written; an earlier file is then unchanged.
+        """
+        from marsedl.fly.saved import save
+
+        save(self, path)
 
     def to_pandas(self):
         """Data frame of what every flight drew, its numbers and its outcome, in SI units but for derived ones."""
@@ -490,7 +690,8 @@ class Flights:
     def to_xarray(self):
         """Data set of what was drawn, final numbers, outcome and, if stored, histories, with units and meanings.
 
-        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight.
+        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight,
+        whose state is the final number: it lies between the times of the history.
         """
         try:
             import xarray

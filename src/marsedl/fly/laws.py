@@ -11,7 +11,8 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, resolve
+from marsedl.fly.actuators import actuated
+from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, numbers_of, resolve
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
@@ -50,7 +51,7 @@ class GainTable:
                 ]
                 for place, column in enumerate(header)
             }
-        columns = {str(key): np.asarray(source[key], float) for key in source}
+        columns = {str(key): numbers_of(source[key], f"{name}: column {str(key)!r} is") for key in source}
         require(against in columns, f"{name}: column {against!r} is missing; {remedy(against, columns)}")
         for column, values in columns.items():
             require(
@@ -149,7 +150,7 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
         return Bound(("none",), ())
     from marsedl.montecarlo.flights.binding import LOCAL, chains, hints
 
-    told, command = told_by(flight), _command_of(flight)
+    told, command = told_by(flight), command_of(flight)
     if isinstance(law, GainTable):
         law = law.in_si(units([*told._fields, *command._fields]) | {"time": "s"})
         commanded, values = law.commanded(told._fields, command._fields), np.array([*law.columns.values()])
@@ -222,7 +223,8 @@ def told_by(flight):
     return flight.parts[next(part for role, part in _TELLS.items() if role in flight.classes)]
 
 
-def _command_of(flight):
+def command_of(flight):
+    """NamedTuple of what laws command."""
     from marsedl.montecarlo.flights.binding import hints
 
     rates = flight.functions["rates"]
@@ -366,11 +368,12 @@ def extended(kind, *names):
 
 
 @lru_cache(64)
-def completed(flight, law, ends, senses=()):
+def completed(flight, law, ends, senses=(), actuators=()):
     """The flight with its law and trigger, which stores what laws are told and command, and the time of its end.
 
     Args:
         flight: `Flight`. law: `Bound.kind`. ends: `Ends.kind`. senses: `senses.Bound.kinds`.
+        actuators: `actuators.Bound.kind`.
     """
     from marsedl.montecarlo.flights import Flight, Nothing
     from marsedl.montecarlo.flights.binding import hints
@@ -389,7 +392,7 @@ def completed(flight, law, ends, senses=()):
             function if as_it_is else _made(text, hints(function)["return"], function, law_of_user=function)
         )
     elif kind not in ("own", "none"):
-        command = _command_of(flight)
+        command = command_of(flight)
         returns = tuple[command, Nothing]
         if kind == "constant":
             parts["guide"] = _made("(law):\n    return law, ()", returns)
@@ -416,7 +419,7 @@ def completed(flight, law, ends, senses=()):
     if tells == "nav":
         known = [name for name, _ in senses] or told._fields
         parts |= {role: _with_navigation(parts[role], known) for role in ("store", "finish")}
-    return Flight(**parts)
+    return Flight(**(actuated(parts, *actuators) if actuators else parts))
 
 
 def _asks(asked, own):

@@ -113,9 +113,9 @@ class Bound(NamedTuple):
     constants: tuple[str, ...]  # of the quantities that have errors
     numbers: tuple[tuple[float, ...], ...]  # that all trials share, a tuple for each quantity
 
-    def sample(self, seed, stream, trials):
-        """Constants of these trials, (constants, trials)."""
-        values = self.declared.sample(seed, stream, trials)
+    def sample(self, seed, stream, trials, only=None):
+        """Constants of these trials, (constants, trials); only: see `Declared.sample`."""
+        values = self.declared.sample(seed, stream, trials, only=only)
         return values[[self.declared.names.index(name) for name in self.constants]]
 
 

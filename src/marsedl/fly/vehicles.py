@@ -2,11 +2,12 @@
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
+from marsedl.fly.actuators import Actuator, Coordinates
 from marsedl.fly.declared import (
     MARS,
     NOT_NEGATIVE,
@@ -24,6 +25,7 @@ from marsedl.fly.declared import (
     is_number,
     require_numbers,
 )
+from marsedl.fly.own_air import OwnAir, Profiles, Wind, beside, varied
 from marsedl.models.atmosphere import uniform_cells, uniform_nodes
 from marsedl.words import require
 
@@ -43,12 +45,19 @@ ENTRY_QUANTITIES = {
     "density": ("kg/m^3", "density of the air"),
     "drag": ("m/s^2", "drag acceleration"),
     "lift": ("m/s^2", "lift acceleration"),
+    "energy": ("m^2/s^2", "specific mechanical energy V^2 / 2 - mu / r of the planet-relative velocity"),
     "bank": ("rad", "bank angle; positive turns the heading clockwise"),
     "max_load": ("m/s^2", "largest aerodynamic acceleration at the start of a step or the end"),
     "min_altitude": ("m", "lowest altitude at the start of a step or the end"),
     "max_altitude": ("m", "highest altitude at the start of a step or the end"),
     "ballistic_coefficient": ("kg/m^2", "ballistic coefficient m / (C_D A)"),
     "lift_to_drag": ("1", "lift-to-drag ratio"),
+    **{f"{what}_factor": ("1", f"true over declared {what}") for what in ("drag", "lift", "density")},
+    "gravitational_parameter": ("m^3/s^2", "gravitational parameter of the planet"),
+    "radius": ("m", "radius of the planet"),
+    "rotation_rate": ("rad/s", "rotation rate of the planet"),
+    "zonal_wind": ("m/s", "wind to the east"),
+    "meridional_wind": ("m/s", "wind to the north"),
 }
 LANDER_QUANTITIES = {
     "downrange": ("m", "downrange"),
@@ -65,8 +74,15 @@ LANDER_QUANTITIES = {
     "largest_thrust": ("N", "largest thrust"),
     "thrust_scale": ("1", "true over commanded thrust"),
 }
+ENGINE_QUANTITIES = {  # with actuators
+    "thrust": ("N", "thrust"),
+    "tilt": ("rad", "angle of the thrust from the vertical, positive downrange"),
+    "thrust_downrange": ("N", "thrust, downrange"),
+    "thrust_vertical": ("N", "thrust, upwards"),
+}
 ENTRY_BOUNDS = {
-    **dict.fromkeys(("ballistic_coefficient", "velocity"), POSITIVE),
+    **dict.fromkeys(("ballistic_coefficient", "velocity", "gravitational_parameter", "radius"), POSITIVE),
+    **dict.fromkeys(("drag_factor", "density_factor"), NOT_NEGATIVE),
     **dict.fromkeys(("flight_path_angle", "latitude"), QUARTER_TURN),
 }
 LANDER_BOUNDS = {
@@ -97,6 +113,13 @@ class Model:
         failed: function (p, final values by name) -> mapping from outcomes to the flights that have them, (trials,);
             these do not count in statistics.
         ends: mapping from outcomes to triggers, which end flights beside the trigger of `fly`.
+        actuators: mapping from what is commanded to `Actuator`, how it is followed. All functions are then told what is
+            flown as `command`, but `watch` what is commanded, also where it arrives within a period. Histories hold
+            both, the latter as `commanded_<name>`; final numbers hold what is flown, and as `saturated_<name>` in how
+            many guidance periods its limits kept it from what is commanded: it was cut, or could not be reached within
+            a period of its arrival.
+        coordinates: `actuators.Coordinates` that actuators move in place of the numbers of the command.
+        air: `own_air.OwnAir`, the trials' own air in place of `vary`.
 
     `final` and histories hold the state, which is the truth, under its names. What `navigate` returns, or without it
     `sense`, is what laws are told; results hold `nav_<name>`, and what is sensed under the name of a state as
@@ -113,6 +136,9 @@ class Model:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failed: Callable = None
     ends: Mapping[str, Any] = field(default_factory=dict)
+    actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    coordinates: Coordinates | None = None
+    air: OwnAir | None = None
 
     def model(self) -> "Model":
         """The model itself."""
@@ -131,10 +157,10 @@ class Model:
         state = self.flight.parts["state"]
         return declare(start, self.units(state._fields), state._field_defaults, "start", self.bounds)
 
-    def declared_vehicle(self) -> Declared:
-        """Vehicle, checked."""
+    def declared_vehicle(self, given=None) -> Declared:
+        """Vehicle, or what is given of it by name, checked."""
         names = getattr(self.vehicle, "_fields", ())
-        given = dict(zip(names, self.vehicle, strict=True))
+        given = dict(zip(names, self.vehicle, strict=True)) if given is None else given
         return declare(given, self.units(names), {}, "vehicle", self.bounds)
 
 
@@ -157,51 +183,138 @@ class Entry:
 
     Start: altitude (m), velocity (m/s, planet-relative), flight_path_angle (rad), and azimuth, latitude, longitude
     (rad; by default eastwards along the equator). Laws are told these, and range, crossrange (m), density (kg/m^3),
-    drag and lift (m/s^2).
+    drag and lift (m/s^2), and the specific mechanical energy V^2 / 2 - mu / r (m^2/s^2) of the planet-relative
+    velocity, as `energy`.
 
     Args:
         ballistic_coefficient: m / (C_D A), kg/m^2. lift_to_drag: 1. Both may be dispersed.
-        planet: `Planet`.
-        air: mean density: `Exponential`, `Table`, or None for no air.
+        planet: `Planet`, whose numbers may be dispersed.
+        air: mean density: `Exponential`, `Table`, or None for no air. Or `Profiles`, one for each trial.
         variation: of the density, `Markov`, or None.
         nodes: altitudes (lowest, highest, spacing), m, at which the mean density is stored, cubics of its logarithm
             between them; by default they hold all rows of a table and the start. Flights beyond them are told.
         ground: altitude, m, at which flights end that reach it. None: there is no ground.
+        bank_rate, bank_acceleration: with which the bank angle goes at most to what is commanded, rad/s and rad/s^2;
+            with `_deg` in degrees. Going there it passes zero, not half a turn.
+        initial_bank: rad, or with `_deg`; by default the first command.
+        lag: time constant of the bank behind these limits, s. delay: of commands, s, a whole number of integration
+            steps. See `Actuator`; with any of these, results hold the bank angle that is flown, `commanded_bank`, and
+            as `saturated_bank` the guidance periods in which the limits kept it from what was commanded.
+        wind: `Wind`, through which drag, lift and what is sensed of them come; or None.
+        drag_factor, lift_factor, density_factor: true over declared drag, lift and density, so that all three may be
+            dispersed apart. None: 1, and no quantity of the vehicle.
     """
 
     ballistic_coefficient: Number
     lift_to_drag: Number = 0.0
     planet: Planet = MARS
-    air: Exponential | Table | None = MARTIAN_AIR
+    air: Exponential | Table | Profiles | None = MARTIAN_AIR
     variation: Markov | None = None
     nodes: tuple[float, float, float] | None = None
     ground: float | None = 0.0
+    bank_rate: float | None = None
+    bank_acceleration: float | None = None
+    initial_bank: float | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    bank_rate_deg: float | None = None
+    bank_acceleration_deg: float | None = None
+    initial_bank_deg: float | None = None
+    wind: Wind | None = None
+    drag_factor: Number | None = None
+    lift_factor: Number | None = None
+    density_factor: Number | None = None
 
     def model(self) -> Model:
         """The model that flies."""
         from marsedl.fly import dynamics
 
-        _require_planet(self.planet)
-        varied = (0.0, 1.0, 0.0, np.zeros(2))
-        if self.variation is not None:
-            retention = np.exp(-self.variation.spacing / self.variation.correlation_length)
-            bottom, spacing = float(self.variation.bottom), float(self.variation.spacing)
-            varied = (bottom, spacing, float(retention), self.variation.deviations())
-        return Model(
+        self._require_kinds()
+        planet = Planet(*(one.mean if isinstance(one, Normal | Uniform) else one for one in self.planet))
+        _require_planet(planet)
+        density = self._density()
+        deviation = np.zeros(density.nodes) if self.variation is None else self.variation.deviations()
+        retention = 0.0 if self.variation is None else self.variation.retention
+        varied = (density.bottom, density.spacing, retention, deviation)
+        factors = (self.drag_factor, self.lift_factor, self.density_factor)
+        plain = Model(
             dynamics.ENTRY,
-            p=dynamics.EntryParameters(*map(float, self.planet), *self._mean_air(), *varied, frame=()),
+            p=dynamics.EntryParameters(*map(float, planet), *self._mean_air(), *varied, frame=()),
             vehicle=dynamics.EntryVehicle(self.ballistic_coefficient, self.lift_to_drag),
             quantities=ENTRY_QUANTITIES,
-            nodes=len(varied[3]),
+            nodes=density.nodes,
             complete=self._completed,
             warn=self._told,
             bounds=ENTRY_BOUNDS,
             ends=_on_the_ground(self.ground),
+            actuators=_acting(bank=self._bank()),
+            air=density if isinstance(self.air, Profiles) else None,
         )
+        if self.wind is None and factors == (None, None, None) and planet == self.planet:
+            return plain
+        from marsedl.fly import windy_entry
+
+        wind = (self.wind or Wind()).own()
+        factors = (1.0 if factor is None else factor for factor in factors)
+        return replace(
+            plain,
+            flight=windy_entry.WINDY_ENTRY,
+            p=windy_entry.WindyParameters(*plain.p, wind.bottom, wind.spacing),
+            vehicle=windy_entry.WindyVehicle(*plain.vehicle, *factors, *self.planet),
+            nodes=density.nodes + wind.nodes,
+            air=beside(density, wind),
+        )
+
+    def _require_kinds(self):
+        """Refuse what is of another kind, such as a dispersion."""
+        kinds = {
+            "planet": (getattr(self.planet, "_fields", None) == Planet._fields, "Planet(...)"),
+            "air": (self.air is None or hasattr(self.air, "profile"), "Exponential, Table, Profiles, or None"),
+            "variation": (isinstance(self.variation, Markov | None), "Markov(...), or None"),
+            "wind": (isinstance(self.wind, Wind | None), "Wind(zonal=..., meridional=...), or None"),
+            "nodes": (isinstance(self.nodes, tuple | list | None), "(lowest, highest, spacing) in m, or leave it out"),
+        }
+        for name, (good, wanted) in kinds.items():
+            require(good, f"Entry: {name} is {getattr(self, name)!r}; give {wanted}")
+
+    def _density(self) -> OwnAir:
+        """Variations of the density, trial by trial."""
+        if not isinstance(self.air, Profiles):
+            return varied(self.variation)
+        require(self.variation is None, "the profiles of air are those of the trials: leave variation out")
+        return self.air.own()
+
+    def _mean_density(self):
+        """Mean density."""
+        return self.air.mean() if isinstance(self.air, Profiles) else self.air
+
+    def _bank(self):
+        """Actuator of the bank angle."""
+        rate, acceleration, start = (_angle(self, name) for name in ("bank_rate", "bank_acceleration", "initial_bank"))
+        return Actuator(rate=rate, acceleration=acceleration, start=start, lag=self.lag, delay=self.delay)
+
+    def with_equations(self, rates, **functions) -> Model:
+        """A model with equations of motion of your own for the planet, the air and the vehicle of this entry.
+
+        Their state has an `altitude` (m), and flights end on the ground. Flights beyond the nodes of the air are not
+        told.
+
+        Args:
+            rates: function as in `montecarlo.flights`, such as `rates(state, found, command: Command, vehicle, p) ->
+                State`. The density (kg/m^3) is `exponential(found.log_density) * found.factor`. `vehicle` has
+                ballistic_coefficient and lift_to_drag, `p` has gravitational_parameter, radius and rotation_rate.
+            functions: further arguments of a `montecarlo.flights.Flight`, such as `sense` and `noise`.
+        """
+        from marsedl.fly import dynamics
+        from marsedl.montecarlo.flights import Flight
+
+        flight = Flight(rates, look_up=dynamics.look_up, vary=dynamics.vary, **functions)
+        return replace(self.model(), flight=flight, warn=None)
 
     def _mean_air(self, start=0.0):
         """Lowest node, spacing and cells of the mean density; start: altitude, m."""
-        rows = self.air.rows()[:, 0] if isinstance(self.air, Table) else np.array([-5e3, 150e3])
+        mean = self._mean_density()
+        rows = mean.rows()[:, 0] if isinstance(mean, Table) else np.array([-5e3, 150e3])
         spacing = min(SPACING, np.diff(rows).min())
         bottom = -5e3 - spacing * np.ceil(max(-5e3 - rows[0], 0.0) / spacing)
         nodes = self.nodes or (bottom, max(150e3, rows[-1], start + 25e3), spacing)
@@ -211,7 +324,7 @@ class Entry:
         )
         lowest, highest, spacing = map(float, nodes)
         whole = lowest + spacing * np.ceil((highest - lowest) / spacing)
-        profile = _vacuum if self.air is None else self.air.profile()
+        profile = _vacuum if mean is None else mean.profile()
         air = uniform_nodes(profile, lowest, whole, spacing)
         return lowest, spacing, uniform_cells(air.log_density, air.slope, spacing)
 
@@ -220,8 +333,9 @@ class Entry:
         from marsedl.fly import dynamics
 
         bottom, spacing, cells = self._mean_air(start["altitude"])
-        altitude, velocity = start["altitude"], start["velocity"]
-        lowest, *_, highest = self.air.rows()[:, 0] if isinstance(self.air, Table) else (-np.inf, np.inf)
+        altitude, velocity = start["altitude"], start.get("velocity", np.inf)
+        mean = self._mean_density()
+        lowest, *_, highest = mean.rows()[:, 0] if isinstance(mean, Table) else (-np.inf, np.inf)
         doubts = {
             f"an altitude of {altitude:g} m, beyond the rows of the table of air, {lowest:g} to {highest:g} m: its "
             f"last slope goes on there": not lowest <= altitude <= highest,
@@ -229,7 +343,8 @@ class Entry:
         }
         for doubt in (words for words, is_so in doubts.items() if is_so):
             warnings.warn(f"flights start at {doubt}", stacklevel=5)
-        return p._replace(frame=dynamics.frame_of(start), bottom=bottom, spacing=spacing, cells=cells)
+        frame = dynamics.frame_of(start) if {"latitude", "longitude", "azimuth"} <= {*start} else ()
+        return p._replace(frame=frame, bottom=bottom, spacing=spacing, cells=cells)
 
     def _told(self, p, final):
         """Sentences on flights beyond the nodes of the air, and under the ground."""
@@ -262,6 +377,14 @@ class Lander:
         thrust_noise: white noise of both components of the force, N s^(1/2).
         gravity: m/s^2. dry_mass: that of the vehicle without propellant, kg.
         ground: altitude, m, at which flights end that reach it. None: there is no ground.
+        throttle_rate: with which the thrust goes at most to what is commanded, N/s.
+        largest_tilt: of the thrust from the vertical, to both sides. tilt_rate: with which it turns at most. Both rad
+            and rad/s, or with `_deg` in degrees.
+        lag: time constant of thrust and tilt behind these limits, s. delay: of commands, s, a whole number of
+            integration steps. See `Actuator`; with any of these, results hold the thrust that is flown within its
+            limits, `commanded_thrust_downrange`, `commanded_thrust_vertical`, and as `saturated_thrust` and
+            `saturated_tilt` the guidance periods in which the limits kept them from what was commanded. A command of
+            zero aims upwards; until the thrust has come down to zero, it is at least the smallest one.
     """
 
     largest_thrust: Number
@@ -272,6 +395,13 @@ class Lander:
     gravity: float = 3.71
     dry_mass: float = 0.0
     ground: float | None = 0.0
+    throttle_rate: float | None = None
+    largest_tilt: float | None = None
+    tilt_rate: float | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    largest_tilt_deg: float | None = None
+    tilt_rate_deg: float | None = None
 
     def model(self) -> Model:
         """The model that flies."""
@@ -284,12 +414,44 @@ class Lander:
             dynamics.LANDER,
             p=dynamics.LanderParameters(*map(float, p)),
             vehicle=dynamics.LanderVehicle(*vehicle),
-            quantities=LANDER_QUANTITIES,
             warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
             ends=_on_the_ground(self.ground),
             failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
+            **{"quantities": LANDER_QUANTITIES, **self._engine()},
         )
+
+    def _engine(self):
+        """Actuators of thrust and tilt, and what else a model with them has."""
+        from marsedl.fly import dynamics
+
+        tilt, rate = _angle(self, "largest_tilt"), _angle(self, "tilt_rate")
+        require(
+            tilt is None or (is_number(tilt) and tilt > 0.0), f"largest_tilt is {tilt!r} rad; give a positive number"
+        )
+        both = {"lag": self.lag, "delay": self.delay}
+        tilting = Actuator(rate, low=None if tilt is None else -tilt, high=tilt, **both)
+        if not _acting(thrust=Actuator(self.throttle_rate, **both), tilt=tilting):
+            return {}
+        limits = {"low": "smallest_thrust", "high": "largest_thrust", "off": True}
+        return {
+            "actuators": {"thrust": Actuator(self.throttle_rate, **both, **limits), "tilt": tilting},
+            "coordinates": Coordinates(dynamics.Engine, dynamics.engine_of, dynamics.thrust_of),
+            "quantities": LANDER_QUANTITIES | ENGINE_QUANTITIES,
+        }
+
+
+def _angle(vehicle, name):
+    """An angle of a vehicle, or its rate, in radians; it may be given in degrees."""
+    radians, degrees = getattr(vehicle, name), getattr(vehicle, f"{name}_deg")
+    require(radians is None or degrees is None, f"{name} and {name}_deg are the same number: give one of them")
+    require(degrees is None or is_number(degrees), f"{name}_deg is {degrees!r}; give a finite number, or None")
+    return radians if degrees is None else float(np.deg2rad(degrees))
+
+
+def _acting(**actuators):
+    """Actuators of a vehicle: none if all follow at once."""
+    return actuators if any(actuator != Actuator() for actuator in actuators.values()) else {}
 
 
 def _vacuum(altitude):
@@ -299,6 +461,7 @@ def _vacuum(altitude):
 
 def _on_the_ground(ground):
     """The end of a vehicle's flights at an altitude, if there is ground."""
+    require(ground is None or is_number(ground), f"ground is {ground!r}; give an altitude in m, or None")
     return {} if ground is None else {"on the ground": Below("altitude", float(ground))}
 
 

@@ -248,6 +248,108 @@ def variance_sampling_band(variance, count, level=0.95):
     return variance * special.chdtri(degrees, 1.0 - tail) / degrees, variance * special.chdtri(degrees, tail) / degrees
 
 
+def paired_percentile_interval(first, second, level, confidence=0.95):
+    """Confidence interval of the difference of a percentile between two samples in pairs, whatever their distribution.
+
+    The numbers of samples below the true percentiles, A and B, are binomial each, and jointly normal with the
+    correlation (P - p^2) / (p (1 - p)), where P is the chance that both members of a pair lie below theirs (Babu, Rao
+    1988: joint distribution of marginal quantiles). P is counted beyond the percentile, on its side of the smaller
+    tail, with one pair more that lies there together as often as independent ones do. The difference lies between
+    X_(A) - Y_(B + 1) and X_(A + 1) - Y_(B), order statistics; the interval is between quantiles of these two. If one
+    sample is constant, it is that of `order_interval`.
+
+    In simulations of normal, lognormal and Student samples (2 degrees of freedom) with correlations from -0.8 to 0.99
+    it holds the difference at least as often as the confidence says, and more often where the pairs agree well or only
+    a few tens of samples lie beyond the percentile.
+
+    Args:
+        first, second: (count,), pair by pair. level: within (0, 1). confidence: of the interval.
+
+    Returns:
+        Tuple of both ends of first minus second; NaN where fewer than `TAIL` samples lie beyond the level, or too few
+        for this confidence.
+    """
+    from scipy.optimize import bisect
+    from scipy.special import ndtr, ndtri
+    from scipy.stats import binom
+
+    x, y = (np.sort(np.asarray(samples, float)) for samples in (first, second))
+    count, tail = x.size, 0.5 * (1.0 - confidence)
+    if not _enough(count, level):
+        return np.nan, np.nan
+    correlation = _correlation_of_ranks(first, second, x, y, level)
+    lowest, highest = (int(binom.ppf(chance, count, level)) for chance in (1e-12, 1.0 - 1e-12))
+    ranks = np.arange(lowest, highest + 1)
+    below = binom.cdf(np.arange(lowest - 1, highest + 1), count, level)
+    chances = np.diff(below)  # of A
+    place_of_first = ndtri(0.5 * (below[1:] + below[:-1]))  # of A in a standard normal distribution
+    edge_of_second = np.append(ndtri(below[:-1]), np.inf)  # from where on B is at least such a rank
+    spread = np.sqrt(1.0 - correlation**2)
+    x, y = (np.concatenate([[-np.inf], ordered, [np.inf]]) for ordered in (x, y))  # by rank
+
+    def excess(difference, later, chance):
+        """The chance that X_(A + later) - Y_(B + 1 - later) is at most the difference, less the one that is wanted."""
+        least = np.searchsorted(y, x[ranks + later] - difference) - (1 - later)  # B for which it is
+        edge = edge_of_second[np.clip(least - lowest, 0, ranks.size)]
+        return chances @ ndtr((correlation * place_of_first - edge) / spread) - chance
+
+    first_rank, last_rank = max(lowest, 1), min(highest + 1, count)
+    bracket = x[first_rank] - y[last_rank], x[last_rank] - y[first_rank]
+    bracket = np.nextafter(bracket, (-np.inf, np.inf))
+    within, ends = 1e-12 * np.ptp(bracket) + 5e-324, []
+    for later, chance, outwards in ((0, tail, -within), (1, 1.0 - tail, within)):
+        if not excess(bracket[0], later, chance) <= 0.0 <= excess(bracket[1], later, chance):
+            return np.nan, np.nan
+        ends.append(bisect(excess, *bracket, (later, chance), xtol=within) + outwards)
+    return tuple(ends)
+
+
+def _correlation_of_ranks(first, second, x, y, level):
+    """Correlation of how many samples lie below their true percentiles; x, y: the samples in order."""
+    rank = min(max(int(level * x.size + 0.5), 1), x.size) - 1
+    tail = min(level, 1.0 - level)
+    beyond, beyond_too = (
+        samples > ordered[rank] if level > 0.5 else samples <= ordered[rank]
+        for samples, ordered in ((np.asarray(first), x), (np.asarray(second), y))
+    )
+    both = np.count_nonzero(beyond & beyond_too)
+    alone = np.sqrt(np.count_nonzero(beyond) * np.count_nonzero(beyond_too))
+    return ((both + tail) / (alone + 1.0) - tail) / (1.0 - tail)
+
+
+def paired_share_interval(first, second, confidence=0.95):
+    """Confidence interval of the difference of two shares of the same trials: Tango's score interval (1998).
+
+    With b trials where the first alone holds, c where the second alone does, and n in all, a difference d is within it
+    if |b - c - n d| <= z sqrt(n (2 q + d (1 - d))), where q is the likeliest chance of the second alone, given d. Also
+    with few trials and with shares of 0 or 1 it holds the difference about as often as the confidence says.
+
+    Args:
+        first, second: (count,), bool, trial by trial. confidence: of the interval.
+
+    Returns:
+        Tuple of both ends of first minus second; NaN without trials.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import ndtri
+
+    first, second = np.asarray(first, bool), np.asarray(second, bool)
+    n, b, c = first.size, np.count_nonzero(first & ~second), np.count_nonzero(second & ~first)
+    if n == 0:
+        return np.nan, np.nan
+    z = ndtri(0.5 + 0.5 * confidence)
+
+    def excess(d, score):
+        linear = (2 * n - b + c) * d - b - c
+        q = (np.sqrt(linear**2 + 8 * n * c * d * (1.0 - d)) - linear) / (4 * n)
+        return b - c - n * d - score * np.sqrt(n * max(2.0 * q + d * (1.0 - d), 0.0))
+
+    estimate, nearly = (b - c) / n, 1e-9 / n  # where no trial or every one differs, the estimate solves it too
+    lower = -1.0 if c == n else brentq(excess, -1.0, estimate - nearly, z)
+    upper = 1.0 if b == n else brentq(excess, estimate + nearly, 1.0, -z)
+    return lower, upper
+
+
 class Deviance(NamedTuple):
     """Likelihood-ratio statistic, its chi-square degrees of freedom, and the probability of a larger one by chance."""
 

@@ -5,6 +5,7 @@ order. Streams keep purposes apart: by convention stream 0 is the initial state,
 names further ones. The same (seed, trial) gives independent numbers in different streams.
 """
 
+import hashlib
 import sys
 from functools import cache, wraps
 
@@ -102,6 +103,29 @@ def fill_normals(seed, stream, first_trial, block, bits, out):
         out[2, lane], out[3, lane] = _box_muller(bits[2, lane], bits[3, lane])
 
 
+@inlined
+def fill_one_normal(stream, block, only, first, out):
+    """As `fill_normals`, of trials of which each has one normal alone that is not zero.
+
+    only: stream, number and value of that one, (3, trials). first: trial in the first lane.
+    """
+    for row in range(NORMALS_PER_BLOCK):
+        for lane in range(LANES):
+            out[row, lane] = 0.0
+    for lane in range(LANES):
+        number = int(only[1, first + lane])
+        if only[0, first + lane] == stream and number // NORMALS_PER_BLOCK == block:
+            out[number % NORMALS_PER_BLOCK, lane] = only[2, first + lane]
+
+
+def one_normal(stream, only, count):
+    """Normals number 0 .. count - 1 of these trials, (trials, count), as `fill_one_normal` has them."""
+    out = np.zeros((only.shape[1], count))
+    mine = np.flatnonzero((only[0] == stream) & (only[1] < count))
+    out[mine, only[1, mine].astype(int)] = only[2, mine]
+    return out
+
+
 def _compiled_for_many(function):
     """Compile a function of seed, stream, trials and count, unless few numbers are wanted and numba is not there."""
     compiled = compiled_when_called(function)
@@ -144,12 +168,26 @@ def _uniforms(seed, stream, trials, count):
     return out
 
 
-def normals(seed, stream, trials, count):
+def key_of(seed):
+    """The key that stands for a seed of any size: itself below 2**63, else 63 bits of its hash (SHA-256).
+
+    Two seeds beyond have the same key with a probability of 2**-63.
+    """
+    if seed < 2**63:
+        return int(seed)
+    digest = hashlib.sha256(str(int(seed)).encode()).digest()
+    return int.from_bytes(digest[:8], "little") >> 1
+
+
+def normals(seed, stream, trials, count, only=None):
     """Standard normals number 0 .. count - 1 of the given trials: those that compiled code uses, bit for bit.
 
     seed, stream: non-negative integers. trials: trial numbers, a range or 1-D integer array, in any order. count:
-    normals per trial. Returns (len(trials), count). Raises ValueError on a negative or fractional argument.
+    normals per trial. only: stream, number and value of the one normal of each trial that is not zero, (3, trials), in
+    place of those that are drawn. Returns (len(trials), count). Raises ValueError on a negative or fractional argument.
     """
+    if only is not None:
+        return one_normal(stream, only, count)
     return _normals(*_checked(seed, stream, trials, count))
 
 

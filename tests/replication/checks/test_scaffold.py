@@ -126,8 +126,6 @@ def test_it_is_registered_behind_the_other_papers_and_explained_before_anything_
 REFUSED = {
     "at most 40 lower case letters": ("Glide", "glide-2", "glide__path", "../glide", "class", "g" * 41, ""),
     "is the name of a paper, rule or module": ("funnels", "claims", "figure", "density", "common"),
-    "would be taken for 'powered_descent'": ("powered",),
-    "would be taken for 'funnels'": ("funnels_again",),
 }
 TEXTS = [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")]
 

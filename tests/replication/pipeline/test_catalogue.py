@@ -116,8 +116,10 @@ def test_what_is_read_of_a_section_can_be_followed():
 
 
 def test_sections_hold_inputs_alone():
-    """A property would hide what is read of a section."""
+    """A property would hide what is read of a section; no two sections have an input of one name."""
     for slug in SLUGS:
+        names = [name.partition(".")[2] for name in input_model(slug).names()]
+        assert len(names) == len({*names}), slug
         for of in input_model(slug).sections().values():
             members = {name for kind in of.__mro__ if kind not in Section.__mro__ for name in vars(kind)}
             members = {name for name in members if not name.startswith("_") and name not in of.model_fields}

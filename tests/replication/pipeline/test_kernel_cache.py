@@ -120,10 +120,11 @@ def fingerprints(source, folder):
 def test_every_cached_kernel_is_known(tmp_path):
     """Otherwise an edit of what it reaches would leave it as it was."""
     valid_names = [entry.split(":")[0] for entry in fingerprints(SOURCE, tmp_path).compiled()]
-    cached = [path for path in sorted(SOURCE.rglob("*.py")) if "cache=True" in path.read_text(encoding="utf-8")]
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(SOURCE.rglob("*.py"))}
+    cached = [path for path, text in texts.items() if "cache=True" in text or "compiled_when_called" in text]
     names = {".".join(path.relative_to(SOURCE).with_suffix("").parts) for path in cached}
     # Kernels of flights carry the digest of all that they reach in their names, see `test_flight_cache`.
-    others = {"marsedl.replication.pipeline.fingerprints", "marsedl.montecarlo.flights.binding"}
+    others = {"marsedl.replication.pipeline.fingerprints", "marsedl.montecarlo.flights.binding", "marsedl.compiling"}
     assert names - others == set(valid_names)
     flown = [path for path in SOURCE.glob("marsedl/papers/*/flight.py") if "Flight(" in path.read_text("utf-8")]
     assert len(valid_names) + len(flown) > 15

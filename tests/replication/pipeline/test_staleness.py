@@ -96,6 +96,12 @@ def test_the_check_takes_what_was_built_beside_a_users_reading(plain, with_mine,
         check(plain, CLAIMS[1:], folder, "snakemake all")
 
 
+def test_what_verify_looks_at_includes_the_universes_of_all_papers(plain):
+    looked_at = set(plain.behind(["report/claims.json"]))
+    for slug in SLUGS:
+        assert {f"report/universes/{slug}.h5", f"report/claims/{slug}.json"} <= looked_at
+
+
 @pytest.mark.parametrize("lost", ["data/published/powered_descent.yaml", "CITATION.cff"])
 def test_a_file_of_the_project_that_is_gone_has_no_digest(tmp_path, lost):
     for name in ("data", "configs", "src", "workflow", "CITATION.cff"):

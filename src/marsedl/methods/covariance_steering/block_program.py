@@ -88,7 +88,13 @@ class IllConditionedError(ValueError):
 
 
 class InfeasibleProgram(ValueError):
-    """No feedback meets all constraints; the message names those that fail and by how much."""
+    """No feedback meets all constraints; the message names those that fail and by how much.
+
+    Where it could be found, `law` is the one that violates the constraints least in sum, and `margins` are all of its.
+    """
+
+    law: SteeringLaw | None = None
+    margins: tuple[Margin, ...] = ()
 
 
 class CausalRoot(NamedTuple):
@@ -189,7 +195,7 @@ def solve(
         accept_inaccurate=accept_inaccurate,
     )
     if outcome.status in ("infeasible", "infeasible_inaccurate"):
-        raise InfeasibleProgram(f"{_explain(model)} ({outcome.sentence})")
+        raise _infeasible(model, outcome)
     if not outcome.accepted_by:
         advice = {
             "optimal_inaccurate": "; a looser tolerance or accept_inaccurate=True takes its solution",
@@ -387,9 +393,10 @@ def _final_conditions(program, effects, inverse_factor, shift, before_last):
     """
     data, control = {}, effects.control[-1]
     if program.final_mean is not None:
-        scale = _nonzero(np.linalg.norm(control, axis=1))
-        data["final_rows"] = control / scale[:, None]
-        data["final_margin"] = (program.final_mean - effects.mean[-1]) / scale
+        known = ~np.isnan(program.final_mean)
+        scale = _nonzero(np.linalg.norm(control[known], axis=1))
+        data["final_rows"] = control[known] / scale[:, None]
+        data["final_margin"] = (program.final_mean - effects.mean[-1])[known] / scale
     if program.final_covariance is not None:
         values, vectors = np.linalg.eigh(program.final_covariance)
         inverse_root = (vectors / np.sqrt(values)) @ vectors.T
@@ -461,7 +468,7 @@ def _build(model, relaxed=False):
     import cvxpy
 
     causal, data = model.causal, model.data
-    intervals, n, m = model.program.system.control.shape
+    intervals, _, m = model.program.system.control.shape
     mean_control, unknown, response = cvxpy.Variable(intervals * m), None, None
     constraints, violations, cost = [], [], 0.0
     if "mean_factor" in data:
@@ -503,7 +510,7 @@ def _build(model, relaxed=False):
         constraints.append(data["plane_rows"] @ mean_control + spread <= data["plane_margin"] + slack(planes))
     if "final_rows" in data:
         distance = data["final_rows"] @ mean_control - data["final_margin"]
-        constraints.append(cvxpy.abs(distance) <= slack(n) if relaxed else distance == 0)
+        constraints.append(cvxpy.abs(distance) <= slack(distance.size) if relaxed else distance == 0)
     if "final_weights" in data:
         constraints += _final_covariance(model, response, slack())
     if "trust_centre" in data:
@@ -575,17 +582,22 @@ def _build_history(model):
     return _ConeProgram(problem, law)
 
 
-def _explain(model):
-    """The sentence that names the constraints that fail if all may be violated, by as little as possible in sum."""
+def _infeasible(model, outcome):
+    """The error that names the constraints that fail if all may be violated, by as little as possible in sum."""
     elastic = _build(model, relaxed=True)
-    outcome = conic.solve(elastic.problem, asked=_ASKED["CLARABEL"], settings=_SETTINGS["CLARABEL"], enough=_ENOUGH)
+    least = conic.solve(elastic.problem, asked=_ASKED["CLARABEL"], settings=_SETTINGS["CLARABEL"], enough=_ENOUGH)
     sentence = "the constraints cannot be met together"
-    if not outcome.accepted_by:
-        return sentence
-    failed = [margin for margin in margins(model.program, elastic.law(outcome)) if margin.excess > _VIOLATED]
-    least = "the least reachable " if len(failed) == 1 else ""
-    named = (f"{m.name}: {least}{m.quantity} is {m.value:.6g}, must be <= {m.limit:.6g}" for m in failed)
-    return f"{sentence}; " + (", and ".join(named) or f"they fail by less than {_VIOLATED:g} of a limit")
+    if not least.accepted_by:
+        return InfeasibleProgram(f"{sentence} ({outcome.sentence})")
+    law = elastic.law(least)
+    every = margins(model.program, law)
+    failed = [margin for margin in every if margin.excess > _VIOLATED]
+    words = "the least reachable " if len(failed) == 1 else ""
+    named = (f"{m.name}: {words}{m.quantity} is {m.value:.6g}, must be <= {m.limit:.6g}" for m in failed)
+    said = ", and ".join(named) or f"they fail by less than {_VIOLATED:g} of a limit"
+    error = InfeasibleProgram(f"{sentence}; {said} ({outcome.sentence})")
+    error.law, error.margins = law, every
+    return error
 
 
 def _law_of_response(model, controls, response, outcome):

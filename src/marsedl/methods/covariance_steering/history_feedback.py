@@ -89,7 +89,8 @@ def history_program(program, cost_unit):
         middle = item.normal @ mean_control[u[item.step]]
         constraints.append(upper_quantile(item.probability) * deviation + middle <= item.bound)
     if program.final_mean is not None:
-        constraints.append(mean[x[-1]] == program.final_mean)
+        known = ~np.isnan(program.final_mean)
+        constraints.append(mean[x[-1]][known] == program.final_mean[known])
     if program.final_covariance is not None:
         values, vectors = np.linalg.eigh(program.final_covariance)
         constraints.append(cvxpy.sigma_max((vectors / np.sqrt(values)) @ vectors.T @ state[x[-1]]) <= 1)

@@ -159,7 +159,7 @@ class SteeringProgram:
     desired_state: np.ndarray | None = None  # x^d, (N + 1, n); None: the mean itself, so its cost vanishes
     state_constraints: tuple[HalfPlane, ...] = ()
     control_constraints: tuple[HalfPlane, ...] = ()
-    final_mean: np.ndarray | None = None  # (n,)
+    final_mean: np.ndarray | None = None  # (n,); NaN: that component is free
     final_covariance: np.ndarray | None = None  # upper bound of P_N, (n, n)
     percentiles: tuple[Percentile, ...] = ()  # of the final state
     percentile_weight: float = 0.0  # eta
@@ -202,7 +202,8 @@ class SteeringProgram:
             if value is None and name in ("desired_state", "final_mean", "final_covariance", "control_reference"):
                 continue
             value = np.asarray(value, dtype=float)
-            require_array(name, value, shape)
+            free = np.isnan(value) if name == "final_mean" else False
+            require_array(name, np.where(free, 0.0, value), shape)
             object.__setattr__(self, name, value)
         for name in ("initial_covariance", "disturbance_covariance"):
             correlations(f"system.{name}", getattr(system, name))
@@ -366,11 +367,11 @@ def margins(program, law):
             rows.append((f"{kind} constraints", name, quantity, value, item.bound, size))
     distance = "distance from the reference"
     if program.final_mean is not None:
-        size = max(np.abs(program.final_mean).max(), np.abs(law.mean).max())
-        for i, (final_mean, target) in enumerate(zip(law.mean[-1], program.final_mean, strict=True)):
-            rows.append(
-                ("final mean", f"final mean of state {i}", "distance from it", abs(final_mean - target), 0.0, size)
-            )
+        known = np.flatnonzero(~np.isnan(program.final_mean))
+        size = max(np.abs(program.final_mean[known]).max(initial=0.0), np.abs(law.mean).max())
+        for i in known:
+            distance = abs(law.mean[-1, i] - program.final_mean[i])
+            rows.append(("final mean", f"final mean of state {i}", "distance from it", distance, 0.0, size))
     if program.final_covariance is not None:
         root = np.linalg.cholesky(program.final_covariance)
         relative = np.linalg.solve(root, np.linalg.solve(root, law.covariance[-1]).T)

@@ -35,8 +35,12 @@ def parameters_of(flight, p, law):
 
 
 def is_addressed(flight, p, law):
-    """Whether a law is compiled alone: it has no phases and interrupts, and asks for numbers and arrays only."""
-    if len(flight.guides) != 1 or flight.functions["interrupts"]:
+    """Whether a law is compiled alone: it has no phases, and asks for numbers and arrays only.
+
+    Interrupts that ask for the law's parameters need it compiled with the flight.
+    """
+    interrupts = flight.functions["interrupts"]
+    if len(flight.guides) != 1 or (interrupts and "law" in asked(interrupts, "interrupts")):
         return False
     kinds = [kind for value in parameters_of(flight, p, law).values() for kind in types_of(value)]
     plain = types.Integer | types.Float | types.Boolean

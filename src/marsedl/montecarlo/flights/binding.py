@@ -4,6 +4,7 @@ import dis
 import enum
 import hashlib
 import inspect
+import sys
 import types as python_types
 from collections import ChainMap
 from functools import cache
@@ -229,10 +230,27 @@ def _reads(function):
                 found += [(f"{path}.{key}", getattr(value, key), further[1:]) for key in members if hasattr(value, key)]
 
 
+def helpers_of(function):
+    """The function and all that it reaches, but for those of numpy and numba, in the order in which they are read."""
+    found = [getattr(function, "py_func", function)]
+    for one in found:
+        read = (getattr(value, "py_func", value) for _, value in _reads(one))
+        found += dict.fromkeys(f for f in read if inspect.isfunction(f) and not is_foreign(f) and f not in found)
+    return found
+
+
 def is_foreign(value):
     """Whether a module, or what a value belongs to, is a package whose functions numba knows and nobody edits."""
     module = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
     return str(module).partition(".")[0] in _FOREIGN
+
+
+def _is_of_python(value):
+    """Whether it is a function of the standard library."""
+    return (
+        isinstance(value, python_types.FunctionType)
+        and str(value.__module__).partition(".")[0] in sys.stdlib_module_names
+    )
 
 
 def renew_helpers(function, done, defaults=()):
@@ -312,8 +330,8 @@ def digest(*roots):
     """Digest of the code and constants that functions reach: bytecode, globals, closures, defaults, classes' fields.
 
     Numba itself compares the file of the outermost function alone. Here an edited helper or constant in any file makes
-    another kernel, and so does a value that changes while a program runs; a comment does not. Of numpy and numba the
-    names count.
+    another kernel, and so does a value that changes while a program runs; a comment does not. Of functions of numpy,
+    numba and the standard library the names count, as the latter read what a program has imported.
     """
     seen, parts = {}, [_FORMAT]
 
@@ -327,7 +345,7 @@ def digest(*roots):
             parts.append(f"again {seen[id(value)][0]}")
             return
         seen[id(value)] = len(seen), value  # kept, so that no other object gets its id
-        if is_foreign(value):
+        if is_foreign(value) or _is_of_python(value):
             parts.append(getattr(value, "__qualname__", type(value).__qualname__))
         elif isinstance(value, python_types.FunctionType):
             for member in (value.__code__, value.__defaults__, value.__kwdefaults__):

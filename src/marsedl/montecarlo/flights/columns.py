@@ -87,6 +87,21 @@ def putter(kind, function):
 
 
 @intrinsic
+def only(typing_context, value):
+    """The number of a tuple of one, or the number itself, as a float."""
+    alone = isinstance(value, types.Number | types.Boolean)
+    member = value if alone else value[0] if isinstance(value, types.BaseTuple) and len(value) == 1 else None
+    if member is None:
+        raise TypingError(f"a law whose command is one number must return it, got {value}")
+
+    def generate(context, builder, signature, arguments):
+        number = arguments[0] if alone else builder.extract_value(arguments[0], 0)
+        return context.cast(builder, number, member, types.float64)
+
+    return types.float64(value), generate
+
+
+@intrinsic
 def column(typing_context, table, lane):
     """table[:, lane] of a contiguous table (nodes, LANES), without a copy."""
     kind = types.Array(types.float64, 1, "A")

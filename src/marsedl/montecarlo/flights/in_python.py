@@ -8,7 +8,7 @@ from marsedl.montecarlo.flights.arithmetic import answer, numpy_numbers, warn
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED, MET_AT_THE_START, NOTHING
-from marsedl.montecarlo.streams import normals
+from marsedl.montecarlo.streams import normals, one_normal
 from marsedl.stepping import runge_kutta_4
 from marsedl.words import described, require
 
@@ -19,7 +19,9 @@ def fly(flight, trial, given):
     memory, nodes, first_trial, increments = given.memory, given.nodes, given.first_trial, given.increments
     earlier = start if isinstance(start, Trajectories) else None
     start = earlier.final_state if earlier else start
-    width = width_of({"start": start, "vehicle": vehicle, **({} if air is None else {"air": air})}, given.trials)
+    tables = {"air": air, "only": given.only}
+    tables = {name: table for name, table in tables.items() if table is not None}
+    width = width_of({"start": start, "vehicle": vehicle, **tables}, given.trials)
     require(first_trial <= trial, f"trial {trial} comes before the first one, {first_trial}")
     own = trial - first_trial if width > 1 else 0
     require(own < width, f"trial {trial} is not among the {width} from {first_trial} on")
@@ -40,18 +42,21 @@ def fly(flight, trial, given):
     now["air"] = np.empty(nodes) if air is None else np.array(np.asarray(air)[:, own])
     if "vary" in flight.classes:
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
+
+    def drawn(stream, count):
+        if given.only is None:
+            return normals(given.seed, stream, [trial], count)[0]
+        return one_normal(stream, np.asarray(given.only)[:, own : own + 1], count)[0]
+
     if "vary" in flight.classes and air is None:
-        for node, normal in zip(
-            reversed(range(nodes)), normals(given.seed, given.streams[1], [trial], nodes)[0], strict=True
-        ):
+        for node, normal in zip(reversed(range(nodes)), drawn(given.streams[1], nodes), strict=True):
             now["air"][node], now["drawn"] = model("vary", node=np.int64(node), normal=normal)
     total, size = int(np.sum(schedule.steps)), len(noise_class._fields)
-    draws = normals(given.seed, given.streams[0], [trial], (given.first_increment + total * increments) * size)[0]
+    draws = drawn(given.streams[0], (given.first_increment + total * increments) * size)
     draws = draws[given.first_increment * size :].reshape(total, increments, size)
 
     draws_class, periods = flight.options["draws"], len(schedule.steps)
-    of_navigation = normals(given.seed, given.navigation_stream, [trial], periods * len(draws_class._fields))
-    of_navigation = of_navigation.reshape(periods, -1)
+    of_navigation = drawn(given.navigation_stream, periods * len(draws_class._fields)).reshape(periods, -1)
 
     ends, finds_root = "ended" in flight.classes, flight.classes.get("ended") is not bool
     watched = parts["watched"](*map(np.float64, earlier.observed_maximum[:, own] if earlier else parts["watched"]()))

@@ -8,17 +8,17 @@ from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter
 from marsedl.montecarlo.integrators import END_ITERATIONS, narrowed
 from marsedl.montecarlo.lanes import LANES, called_njit, inline_called_njit, lane_array
 from marsedl.montecarlo.outcomes import MET_AT_THE_START, NOTHING
-from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals, fill_one_normal
 
 
 def fly_groups(p, law, pace, draws, sizes, groups, start, vehicle, memory, given_air, results):
     """Fly whole groups; this function is compiled and cached under the name of what is bound to it."""
-    seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream = draws
+    seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream, only = draws
     nodes, remembered = sizes
     air, past = np.empty((nodes, LANES)), np.empty((remembered, LANES))
     for number in range(groups[0], groups[1]):
         streams = (noise_stream, air_stream, navigation_stream)
-        here = (seed, first_trial + number * LANES, increments, first_increment, *streams)
+        here = (seed, first_trial + number * LANES, increments, first_increment, *streams, only)
         _bound(p, law, pace, here, number * LANES, start, vehicle, memory, given_air, results, air, past)  # noqa: F821
 
 
@@ -138,8 +138,15 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             bracket = _narrowed(bracket, part, excess[0, lane])
         return part
 
+    @inline_called_njit
+    def fill(seed, stream, first_trial, block, bits, only, first, out):
+        if only.shape[1] == 0:
+            fill_normals(seed, stream, first_trial, block, bits, out)
+        else:
+            fill_one_normal(stream, block, only, first, out)
+
     @named_njit
-    def sample_air(seed, stream, first_trial, table, drawn_after, p):
+    def sample_air(seed, stream, first_trial, only, first, table, drawn_after, p):
         """The trials' own air, node by node from the last down, one normal a node."""
         bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
         normal_numbers, drawn, value = lane_array(NORMALS_PER_BLOCK), lane_array(DRAWN), lane_array(1)
@@ -150,7 +157,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         for number in range(top + 1):
             position, node = number % NORMALS_PER_BLOCK, top - number
             if position == 0:
-                fill_normals(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, normal_numbers)
+                fill(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, only, first, normal_numbers)
             for lane in range(LANES):
                 value[0, lane], after = vary(node, normal_numbers[position, lane], get_drawn(drawn, lane), p)
                 put_drawn(after, drawn, lane, None)
@@ -161,13 +168,13 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 drawn_after[row, lane] = drawn[row, lane]
 
     @named_njit
-    def draw_for(cycle, seed, stream, first_trial, bits, block_of_draws, draws):
+    def draw_for(cycle, seed, stream, first_trial, bits, only, first, block_of_draws, draws):
         """The normals that navigation gets in a guidance period; `draws` is filled."""
         for component in range(DRAWS):
             number = cycle * DRAWS + component
             position = number % NORMALS_PER_BLOCK
             if position == 0 or component == 0:
-                fill_normals(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, block_of_draws)
+                fill(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, only, first, block_of_draws)
             for lane in range(LANES):
                 draws[component, lane] = block_of_draws[position, lane]
 
@@ -204,7 +211,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     ):
         p, law, air, past = dress_p(p_values), dress_law(law_values), borrowed(table), borrowed(pasts)
         cycle_start, cycle_step, cycle_steps, every, stores_end = pace
-        seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream = draws
+        seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream, only = draws
         history, observed, stored_watched, length, stored_final, ended_by = results
         rows_stored = min(STORED, history.shape[1])
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
@@ -222,7 +229,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             for lane in range(LANES):
                 drawn[row, lane] = 0.0  # stays, if air is given
         if varies and given_air.shape[0] == 0:
-            sample_air(seed, air_stream, first_trial, air, drawn, p)
+            sample_air(seed, air_stream, first_trial, only, first, air, drawn, p)
         for node in range(given_air.shape[0]):
             for lane in range(LANES):
                 air[node, lane] = given_air[node, first + lane]
@@ -280,7 +287,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 sense(half_index, time, state, found, command, vehicle, p, sensed)
             if guides_now:
                 if navigates and substep == 0:
-                    draw_for(cycle, seed, navigation_stream, first_trial, bits, block_of_draws, drawn_now)
+                    draw_for(cycle, seed, navigation_stream, first_trial, bits, only, first, block_of_draws, drawn_now)
                     navigate(cycle, time, sensed, nav, drawn_now, vehicle, p, chosen)
                 consult(cycle, time, sensed, nav, memory, vehicle, law, p, advice)
                 if phases > 1:
@@ -321,7 +328,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                     for component in range(NOISES):
                         block = number // NORMALS_PER_BLOCK
                         if block != filled_block:
-                            fill_normals(seed, noise_stream, first_trial, block, bits, block_of_normals)
+                            fill(seed, noise_stream, first_trial, block, bits, only, first, block_of_normals)
                             filled_block = block
                         position = number % NORMALS_PER_BLOCK
                         for lane in range(LANES):

@@ -186,6 +186,7 @@ class Flight:
         navigation_stream=NAVIGATION_STREAM,
         stored=None,
         past=0,
+        only=None,
         into=None,
     ):
         """Fly consecutive trials, compiled, on as many threads as numba has.
@@ -206,6 +207,8 @@ class Flight:
                 from another takes its own.
             stored: how many of the numbers that `store` returns are stored; by default all.
             past: numbers that a trial's guidance may write to, `past[i]`, for what it remembers of all periods.
+            only: stream, number and value of the only normal of each trial that is not zero, (3, trials), as
+                perturbed flights have; by default all are drawn.
             into: arrays for the history and for what is observed, (times, numbers, trials), where `trials` fill whole
                 groups, see `pad_to_groups`; by default new ones.
 
@@ -231,8 +234,10 @@ class Flight:
         earlier = start if isinstance(start, Trajectories) else None
         start = earlier.final_state if earlier else start
         given = {"start": start, "vehicle": vehicle, **({} if air is None else {"air": air[:1]})}
+        given |= {} if only is None else {"only": only}
         width = width_of(given, trials)
         padded = -(-width // LANES) * LANES
+        only = np.empty((3, 0)) if only is None else table_of(only, width, padded)
         start, vehicle = (table_of(parts, width, padded) for parts in (start, vehicle))
         if not earlier:
             check_start(start, self.parts["state"], first_trial)
@@ -260,7 +265,7 @@ class Flight:
         pace = (np.asarray(schedule.start, float), np.asarray(schedule.step, float), np.asarray(schedule.steps, int))
         settings = (
             (*pace, int(schedule.every), bool(schedule.stores_end)),
-            (*map(int, (seed, first_trial, increments, first_increment, *streams, navigation_stream)),),
+            (*map(int, (seed, first_trial, increments, first_increment, *streams, navigation_stream)), only),
             (len(air) or int(nodes), int(past)),
         )
         tables = (start, vehicle, np.array(tuple(memory), float), air)

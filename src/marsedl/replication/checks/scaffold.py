@@ -29,7 +29,7 @@ def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool
     if not (match := _SLUGS.search(text)):
         raise InputError(f"{register}: no line 'SLUGS = (...)', in which papers are registered; restore it")
     slugs = ast.literal_eval(match[1])
-    _check_slug(root, slug, slugs)
+    _check_slug(root, slug)
     for name, line in (("title", title), ("authors", authors)):
         if not line.strip() or not line.isprintable() or set(line) & set('"\\'):
             raise InputError(f"{name}: {line!r} is not one line of text without quotation marks and backslashes")
@@ -65,20 +65,17 @@ CITATION.cff: add a reference
 after a full build that you have looked at, with its line in README.md: marsedl accept"""
 
 
-def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
+def _check_slug(root: Path, slug: str) -> None:
     rules = [root / "Snakefile", *(root / "workflow" / "rules").glob("*.smk")]
     # Some rules of a loop have the name that a function yields first.
     taken = {name for path in rules for name in re.findall(r'(?m)^(?:rule | +yield ")(\w+)', path.read_text("utf-8"))}
     taken |= {path.stem for path in [*rules, *(root / REGISTER).parent.iterdir()]}
-    near = [other for other in slugs if f"{other}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{other}_")]
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", slug) or keyword.iskeyword(slug) or len(slug) > 40:
         problem = "cannot be the name of a paper: use at most 40 lower case letters, digits and single underscores"
     elif slug in READ_AS_MISSING:
         problem = "is read by pandas in a table as no value; choose another name"
     elif slug in taken:
         problem = "is the name of a paper, rule or module already; choose another name"
-    elif near:
-        problem = f"would be taken for '{near[0]}' in the names of rules; choose another name"
     else:
         return
     raise InputError(f"'{slug}' {problem}")

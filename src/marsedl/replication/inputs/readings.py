@@ -4,13 +4,12 @@ A reading is written as the inputs that differ from the reading it is `based_on`
 source and, if one likes, its unit; a section may name the `source` of all of its inputs that name none.
 """
 
-import contextlib
 import copy
 import hashlib
 import inspect
 import json
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -143,10 +142,7 @@ def load_studies(
     configuration_of_user = own_configuration(models)
     files = [Place(str(path), read_yaml(path, "check its path and permissions")) for path in config_files]
     for file in files:
-        try:
-            checked(configuration_of_user, file.document, file)
-        except InputError as error:
-            raise InputError("\n".join([str(error), *_unknown_bases(file, models, root)])) from None
+        checked(configuration_of_user, file.document, file)
     places = _own_places(models, files)
     # Settings of the command line count before those of a file, and of files the last.
     of_files = {key: part for file in files for key, part in file.document.items() if key not in models}
@@ -161,20 +157,6 @@ def load_studies(
         study = _study(slug, model, root, settings, places, files)
         studies[slug] = replace(study, own_choices=config.get(slug, {}).get("choices", {}))
     return studies
-
-
-def _unknown_bases(file: Place, models: Iterable[str], root: Path) -> Iterator[str]:
-    """Say of a file that is malformed elsewhere which of its readings are based on one that there is not."""
-    for slug in models:
-        place = file / slug / "readings"
-        with contextlib.suppress(KeyError, TypeError, AttributeError):  # nothing is written there, or something else
-            named = place.written()
-            bases = [(name, body["based_on"]) for name, body in named.items() if "based_on" in body]
-            known = {*named, *read_yaml(root / f"configs/{slug}.yaml")["readings"]}
-            for name, base in bases:
-                if base not in known:
-                    at = place / name / "based_on"
-                    yield f"{at}: there is no reading {shown(base)}; {nearest(str(base), known)}"
 
 
 def _own_places(models: Iterable[str], files: Iterable[Place]) -> dict[tuple[str, str, str], Place]:

@@ -126,14 +126,16 @@ class Fingerprints:
     def compiled(self) -> list[str]:
         """Return the functions that numba compiles and caches.
 
-        They are decorated with `njit(..., cache=True)`, or with a function of their module that calls `njit`.
+        They are decorated with `njit(..., cache=True)`, with `compiled_when_called`, or with a function of their module
+        that calls one of these.
         """
-        found = []
+        found, compilers = [], {"njit", "compiled_when_called"}
         for module_name, module in self._modules(f"{PACKAGE}/**/*.py"):
-            calling = {name for name in module.functions if "njit" in _uses(module.definitions[name][-1])[0]}
+            calling = {name for name in module.functions if compilers & {*_uses(module.definitions[name][-1])[0]}}
             for name, signature in module.functions.items():
                 decorators = signature["decorators"]
-                if decorators.get("njit", {}).get("cache") or calling & decorators.keys():
+                is_cached = decorators.get("njit", {}).get("cache") or "compiled_when_called" in decorators
+                if is_cached or calling & decorators.keys():
                     found.append(f"{module_name}:{name}")
         return found
 

@@ -7,11 +7,14 @@ edited, the next of the others owns a file of its own, which is computed again w
 
 from collections.abc import Callable, Iterable
 from functools import cache
+from typing import TYPE_CHECKING
 
 from marsedl.replication.inputs import CORRECTED
-from marsedl.replication.inputs.readings import Study
 from marsedl.replication.pipeline.catalogue import FLIGHTS, Paper, whole_case
 from marsedl.replication.records.recipes import recipe_digest
+
+if TYPE_CHECKING:  # jobs, which import this module, read no readings
+    from marsedl.replication.inputs.readings import Study
 
 ARTIFACTS = "data/cache/"
 TOGETHER = 10  # one job flies all cases of a reading that have at most this many blocks of trials
@@ -35,7 +38,7 @@ class Shared:
     ("chunks/closed_loop.0of4").
     """
 
-    def __init__(self, paper: Paper, study: Study, reached: Callable[..., dict] = lambda *entries: {}):
+    def __init__(self, paper: Paper, study: "Study", reached: Callable[..., dict] = lambda *entries: {}):
         """Take the catalogue, the readings, and what gives a recipe's part of a script's and functions' code."""
         self.paper, self.study, self._reached = paper, study, reached
         self.values = {name: reading.inputs.plain() for name, reading in study.readings.items()}

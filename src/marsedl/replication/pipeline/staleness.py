@@ -38,7 +38,7 @@ def reason(products: Products, path: str, folder: Path, *, beside: bool = False)
     for file, written in files.items():
         if (folder / file).exists() and file_digest(folder / file) != written:
             which = "" if file == path else f"goes with {file}, which "
-            return f"{which}was edited after its job wrote it{_of_another_paper(folder / file)}"
+            return f"{which}was edited after its job wrote it"
     return ""
 
 
@@ -62,14 +62,3 @@ def check(products: Products, targets: Iterable[str], folder: Path, command: str
     for path in products.behind(targets):
         if why := reason(products, path, folder, beside=True):
             raise StaleError(f"{folder / path} {why}; the build is not up to date, run '{command}'")
-
-
-def _of_another_paper(path: Path) -> str:
-    """Say whose universes stand where those of another paper belong."""
-    from marsedl.replication.records.store import opened
-
-    if path.suffix != ".h5":
-        return ""
-    with opened(path) as file:
-        paper = file.attrs["paper"]
-    return "" if paper == path.stem else f": it is of the paper '{paper}'"

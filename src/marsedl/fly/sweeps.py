@@ -1,0 +1,69 @@
+"""Several cases of the same trials beside each other: one table, with paired differences to the first."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from marsedl.fly.flights import Flights, mean_interval
+from marsedl.words import require
+
+__all__ = ["compare"]
+
+COLUMNS = [
+    *("case", "quantity", "statistic", "unit", "value", "lower", "upper"),
+    *("difference", "difference_lower", "difference_upper", "flights", "note"),
+]
+
+
+def compare(flights, names, percentiles=(1, 50, 99), confidence=0.95):
+    """One table of several flights of the same seed and number: what they reach, and how it differs from the first.
+
+    Args:
+        flights: mapping from the name of each case to its `Flights`.
+        names: quantities, of which the mean and the percentiles are told, and conditions, of which the share is.
+        percentiles: per cent. confidence: of each interval by itself; of twenty intervals of 95 % one is to miss.
+
+    Returns:
+        Data frame with a row for each case, quantity and statistic ("mean", "p99", "share"), and the columns case,
+        quantity, statistic, unit, value, lower, upper, difference (to the first case, trial by trial, over the flights
+        that count in both, see `Flights.against`), difference_lower, difference_upper, flights (that count), note.
+
+    Raises:
+        ValueError: for flights that are no pairs, an unknown quantity, or a level that is no percentage.
+    """
+    import pandas as pd
+
+    require(
+        isinstance(flights, Mapping) and flights and all(isinstance(one, Flights) for one in flights.values()),
+        "compare takes a mapping from names to Flights, at least one",
+    )
+    names, rows = [names] if isinstance(names, str) else [*names], []
+    first = next(iter(flights.values()))
+    for case, one in flights.items():
+        for name in names:
+            for statistic, percentile in _statistics(one, name, percentiles):
+                value, lower, upper, count, note = _own(one, name, percentile, confidence)
+                paired = one.against(first, name, confidence, percentile).iloc[0]
+                difference = (np.nan,) * 3 if one is first else paired[["difference", "lower", "upper"]]
+                rows.append((case, name, statistic, paired["unit"], value, lower, upper, *difference, count, note))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _statistics(flights, name, percentiles):
+    """Name and percentile of what is told of a quantity or a condition."""
+    if flights.is_condition(name):
+        return [("share", None)]
+    return [("mean", None), *((f"p{level:g}", level) for level in np.atleast_1d(percentiles))]
+
+
+def _own(flights, name, percentile, confidence):
+    """Value, both ends of its interval, flights and note of one statistic of one case."""
+    if flights.is_condition(name):
+        return tuple(flights.probability(name, confidence))
+    counted, note = flights._counted()
+    if percentile is None:
+        value, (lower, upper) = mean_interval(flights.values(name)[counted], confidence)
+    else:
+        row = flights.percentiles(name, percentile, confidence).iloc[0]
+        value, lower, upper, note = row[["value", "lower", "upper", "note"]]
+    return value, lower, upper, int(counted.sum()), note

@@ -1,0 +1,253 @@
+"""Five vehicles that no paper has, each as a user writes it down once: for steering and for whatever else designs."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from marsedl.elementary import exponential, sine_cosine
+from marsedl.fly import Above, Below
+
+
+class Case(NamedTuple):
+    """What `steering.solve` takes."""
+
+    rates: Any
+    p: tuple
+    times: np.ndarray
+    start: tuple
+    goal: tuple
+    guess: list
+    limits: list = []  # noqa: RUF012 (not changed)
+    options: dict = {}  # noqa: RUF012
+
+    def asked(self):
+        """Arguments of `steering.solve`, by name but for the first three."""
+        return {"start": self.start, "goal": self.goal, "guess": self.guess, "limits": self.limits, **self.options}
+
+
+# ---- double integrator -----------------------------------------------------------------------------------------------
+
+
+class Line(NamedTuple):
+    position: float
+    velocity: float
+
+
+class Push(NamedTuple):
+    push: float
+
+
+class Gust(NamedTuple):
+    gust: float
+
+
+class Pushed(NamedTuple):
+    gusts: float = 0.05  # m/s^(3/2)
+
+
+def line_rates(state, command: Push, noise: Gust, p) -> Line:
+    return Line(state.velocity, command.push + p.gusts * noise.gust)
+
+
+LINE = Case(
+    line_rates,
+    Pushed(),
+    np.linspace(0.0, 10.0, 21),
+    ([10.0, 0.0], np.diag([0.5, 0.1]) ** 2),
+    ([0.0, 0.0], np.diag([0.2, 0.1]) ** 2),
+    [0.0],
+    [Below(lambda command: np.abs(command.push), 0.6, 0.01), Above("velocity", -1.7, 0.02)],
+)
+
+# ---- lander with three components of thrust --------------------------------------------------------------------------
+
+
+class Descent(NamedTuple):
+    x: float
+    y: float
+    z: float
+    vx: float
+    vy: float
+    vz: float
+    mass: float
+
+
+class Thrust(NamedTuple):
+    tx: float
+    ty: float
+    tz: float
+
+
+class Lander(NamedTuple):
+    gravity: float = 3.71  # m/s^2
+    exhaust: float = 2157.0  # m/s
+    gusts: float = 150.0  # N s^(1/2)
+
+
+def thrust_of(command):
+    return np.sqrt(command.tx * command.tx + command.ty * command.ty + command.tz * command.tz + 1e-9)
+
+
+def glide_slope(state):
+    return state.z - 0.1 * np.sqrt(state.x * state.x + state.y * state.y + 1.0)
+
+
+def lander_rates(state, command: Thrust, noise: Thrust, p) -> Descent:
+    a = 1.0 / state.mass
+    return Descent(
+        state.vx,
+        state.vy,
+        state.vz,
+        (command.tx + p.gusts * noise.tx) * a,
+        (command.ty + p.gusts * noise.ty) * a,
+        (command.tz + p.gusts * noise.tz) * a - p.gravity,
+        -np.sqrt(command.tx * command.tx + command.ty * command.ty + command.tz * command.tz + 1e-9) / p.exhaust,
+    )
+
+
+LANDER = Case(
+    lander_rates,
+    Lander(),
+    np.linspace(0.0, 45.0, 16),
+    ([-800.0, 300.0, 1500.0, 60.0, -10.0, -70.0, 1900.0], np.diag([40.0, 40.0, 20.0, 2.0, 2.0, 2.0, 1e-3]) ** 2),
+    ([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, np.nan], np.diag([5.0, 5.0, 2.0, 1.0, 1.0, 0.5, 50.0]) ** 2),
+    [0.0, 0.0, 7000.0],
+    [
+        Below(lambda command: thrust_of(command), 16e3, 0.001),
+        Above(lambda state: glide_slope(state), -5.0, 0.001),
+    ],
+)
+
+# ---- capsule that flies by its angle of attack's lift ----------------------------------------------------------------
+
+
+class Entry(NamedTuple):
+    altitude: float
+    velocity: float
+    flight_path_angle: float
+    downrange: float
+
+
+class Lift(NamedTuple):
+    lift_to_drag: float
+
+
+class Density(NamedTuple):
+    density: float
+
+
+class Capsule(NamedTuple):
+    ballistic_coefficient: float = 115.0  # kg/m^2
+    gravity: float = 3.71  # m/s^2
+    radius: float = 3396e3  # m
+    surface_density: float = 0.0159  # kg/m^3
+    scale_height: float = 11.1e3  # m
+    density_noise: float = 0.05  # of the density, s^(1/2)
+
+
+def capsule_rates(state, command: Lift, noise: Density, p) -> Entry:
+    sine, cosine = sine_cosine(state.flight_path_angle)
+    density = (
+        p.surface_density * exponential(-state.altitude / p.scale_height) * (1.0 + p.density_noise * noise.density)
+    )
+    drag = 0.5 * density * state.velocity * state.velocity / p.ballistic_coefficient
+    turn = (
+        command.lift_to_drag * drag / state.velocity + (state.velocity / p.radius - p.gravity / state.velocity) * cosine
+    )
+    return Entry(state.velocity * sine, -drag - p.gravity * sine, turn, state.velocity * cosine)
+
+
+CAPSULE = Case(
+    capsule_rates,
+    Capsule(),
+    np.linspace(0.0, 150.0, 16),
+    ([60e3, 5300.0, np.radians(-10.0), 0.0], np.diag([400.0, 10.0, np.radians(0.05), 1000.0]) ** 2),
+    ([np.nan, np.nan, np.nan, 400e3], np.diag([2500.0, 60.0, np.radians(6.0), 1200.0]) ** 2),
+    [0.14],
+    [Below("lift_to_drag", 0.3, 0.01), Above("lift_to_drag", -0.05, 0.01)],
+)
+
+# ---- car on a plane --------------------------------------------------------------------------------------------------
+
+
+class Car(NamedTuple):
+    east: float
+    north: float
+    heading: float
+    speed: float
+
+
+class Pedals(NamedTuple):
+    curvature: float
+    acceleration: float
+
+
+class Wheels(NamedTuple):
+    slip: float
+    push: float
+
+
+class Road(NamedTuple):
+    slip: float = 0.01  # rad/s^(1/2)
+    push: float = 0.1  # m/s^(3/2)
+
+
+def car_rates(state, command: Pedals, noise: Wheels, p) -> Car:
+    sine, cosine = sine_cosine(state.heading)
+    turn = state.speed * command.curvature + p.slip * noise.slip
+    return Car(state.speed * cosine, state.speed * sine, turn, command.acceleration + p.push * noise.push)
+
+
+CAR = Case(
+    car_rates,
+    Road(),
+    np.linspace(0.0, 10.0, 21),
+    ([0.0, 0.0, 0.0, 8.0], np.diag([0.3, 0.3, 0.02, 0.2]) ** 2),
+    ([80.0, 20.0, 0.0, 10.0], np.diag([0.5, 0.3, 0.03, 0.3]) ** 2),
+    [0.0, 0.2],
+    [Below(lambda state: state.north, 21.0, 0.01), Below(lambda command: np.abs(command.acceleration), 1.5, 0.01)],
+    {"weights": np.diag([1e3, 1.0])},
+)
+
+# ---- satellite that meets another one --------------------------------------------------------------------------------
+
+
+class Relative(NamedTuple):
+    radial: float
+    along: float
+    radial_rate: float
+    along_rate: float
+
+
+class Jets(NamedTuple):
+    jet_radial: float
+    jet_along: float
+
+
+class Orbit(NamedTuple):
+    motion: float = 0.00113  # rad/s
+    noise: float = 2e-4  # m/s^(3/2)
+
+
+def satellite_rates(state, command: Jets, noise: Jets, p) -> Relative:
+    radial = 3.0 * p.motion * p.motion * state.radial + 2.0 * p.motion * state.along_rate
+    along = -2.0 * p.motion * state.radial_rate
+    return Relative(
+        state.radial_rate,
+        state.along_rate,
+        radial + command.jet_radial + p.noise * noise.jet_radial,
+        along + command.jet_along + p.noise * noise.jet_along,
+    )
+
+
+SATELLITE = Case(
+    satellite_rates,
+    Orbit(),
+    np.linspace(0.0, 1200.0, 13),
+    ([-400.0, -2000.0, 0.0, 0.7], np.diag([20.0, 20.0, 0.05, 0.05]) ** 2),
+    ([0.0, -100.0, 0.0, 0.0], np.diag([3.0, 3.0, 0.02, 0.02]) ** 2),
+    [0.0, 0.0],
+    [Below(lambda command: np.sqrt(command.jet_radial**2 + command.jet_along**2), 0.0055, 0.01)],
+)
+
+CASES = {"line": LINE, "lander": LANDER, "capsule": CAPSULE, "car": CAR, "satellite": SATELLITE}
