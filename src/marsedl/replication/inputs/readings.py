@@ -108,7 +108,7 @@ class Study:
         sources |= dict(source_of_key(model, key, value) for key, value in inputs.items())
         for name in [name for name in sources if name.endswith(".seed")]:
             sources[name] = replace(sources[name], value=sources[name].value + seed)
-        typed = _inputs(model, self.root, sources, Place("universe"))
+        typed = typed_inputs(model, self.root, sources, Place("universe"))
         return self.limited(replace(base, name="universe", based_on=CORRECTED, inputs=typed, sources=sources))
 
     def without_own_readings(self) -> "Study":
@@ -296,7 +296,7 @@ def _resolved(
         for choice, value in choices.checked(body.choices, place / "choices").items():
             sources = choices.by_name[choice].applied(sources, value)
         sources |= inputs_set(model, body, name, place)
-        inputs = _inputs(model, root, sources, place)
+        inputs = typed_inputs(model, root, sources, place)
         digest = _digest({key: source.value for key, source in sources.items()})
         if body.frozen not in ("", digest):
             raise InputError(
@@ -311,7 +311,7 @@ def _resolved(
     return readings
 
 
-def _inputs(model: type[Inputs], root: Path, sources: Sources, place: Place) -> Inputs:
+def typed_inputs(model: type[Inputs], root: Path, sources: Sources, place: Place) -> Inputs:
     """Return typed inputs from their sources; raises InputError for inputs that do not fit together."""
     sections = {name: _section(of, name, root, sources, place) for name, of in model.sections().items()}
     for check in model.CHECKS:

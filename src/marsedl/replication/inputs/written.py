@@ -103,12 +103,17 @@ def _section(section: type[Section], inputs: type[Inputs]) -> typing.Any:
 
 
 @functools.cache
-def _readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
-    """Return the type of the readings of a paper, by name."""
+def written_reading(inputs: type[Inputs]) -> type[WrittenReading]:
+    """Return the model of a reading of a paper, or of a scenario, as it is written."""
     sections = {name: (_section(of, inputs), {}) for name, of in inputs.sections().items()}
     reading = create_model(f"ReadingOf{inputs.__name__}", __base__=WrittenReading, **sections)
     reading.inputs = inputs
-    return dict[Name, reading]
+    return reading
+
+
+def _readings(inputs: type[Inputs]) -> type[dict[str, WrittenReading]]:
+    """Return the type of the readings of a paper, by name."""
+    return dict[Name, written_reading(inputs)]
 
 
 class WrittenRange(Keys):

@@ -3,9 +3,7 @@
 All share limits, partition, linear model and lateral logic, unless their words say otherwise.
 """
 
-from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,16 +11,9 @@ from marsedl.methods.covariance_steering.lqg_dual import lqg_gains
 from marsedl.papers.stochastic_entry import flight, gains
 from marsedl.papers.stochastic_entry.records import STATES
 from marsedl.scenarios.entry.guidance import Guided, guide
+from marsedl.scenarios.scenario import Resident
 
-__all__ = ["RESIDENTS", "Resident", "law_of"]
-
-
-class Resident(NamedTuple):
-    """A law, and where it comes from."""
-
-    words: str
-    design: Callable  # (Onboard, *tuned) -> law as `marsedl.fly.fly` takes it
-    tuned: dict[str, tuple[float, float]] = {}  # numbers that are tuned, and their bounds  # noqa: RUF012
+__all__ = ["RESIDENTS", "law_of"]
 
 
 def law_of(onboard, table: flight.Law):
@@ -45,7 +36,7 @@ def apollo(onboard, overcontrol=None):
 
 
 def stochastic(onboard):
-    """Least final range error under chance constraints, by its Lagrange dual, against time, for the velocity trigger."""
+    """Least final range error under chance constraints by the Lagrange dual, against time, for the velocity trigger."""
     table = gains.law(onboard.given.guidance, onboard.linearization, onboard.gains, "stochastic_velocity")
     return law_of(onboard, table)
 

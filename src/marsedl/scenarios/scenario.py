@@ -1,0 +1,111 @@
+"""What a scenario is: one vehicle under many laws, with what they know apart from what is true."""
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from marsedl.fly.campaign import Campaign
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import CORRECTED
+from marsedl.replication.inputs.choices import Source, inputs_set, source_of_key
+from marsedl.replication.inputs.messages import Place, checked
+from marsedl.replication.inputs.readings import load_study, typed_inputs
+from marsedl.replication.inputs.sections import Inputs
+from marsedl.replication.inputs.written import written_reading
+from marsedl.replication.inputs.yaml_file import read_yaml
+
+__all__ = ["POOLS", "Condition", "Resident", "Scenario"]
+
+POOLS = {"tuning": 11, "proof": 12, "practice": 13}  # seeds: of what laws are tuned on, of the table, and of tries
+
+
+class Resident(NamedTuple):
+    """A law, and how it comes from what is known on board."""
+
+    words: str  # what it is, in a line
+    design: Callable  # (onboard, **tuned numbers) -> law, as `marsedl.fly.fly` takes it
+    tuned: Mapping[str, tuple[float, float]] = {}  # positive numbers that are tuned: least and largest
+    differs: str = ""  # what of limits, partition, linear model or lateral logic is not that of the others
+
+
+class Condition(NamedTuple):
+    """In what a law is flown: one set of inputs of the truth."""
+
+    tier: str  # exact, dispersed or wrong
+    words: str
+    changed: Mapping[str, object] = {}  # inputs of the truth by "section.key", as in a file
+
+
+class Scenario:
+    """Base of a scenario. What laws are designed from is `onboard`; the truth of a condition is in `flight`."""
+
+    name: ClassVar[str]
+    paper: ClassVar[str]  # whose reading `corrected` gives the inputs that the scenario has no others for
+    model: ClassVar[type[Inputs]]  # the paper's, and sections of the scenario's own
+    conditions: ClassVar[Mapping[str, Condition]]
+    residents: ClassVar[Mapping[str, Resident]]
+    columns: ClassVar[Mapping[str, tuple[str, str]]]  # unit and meaning of every number of `scores`
+    box: ClassVar[str]  # what `inside` means, in words
+
+    def __init__(self, root: Path, sources: Mapping[str, Source], place: Place, words: str = ""):
+        """Take the sources of all inputs by "section.name"."""
+        self.root, self.sources, self.place, self.words = root, sources, place, words
+
+    @classmethod
+    def load(cls, root: Path, file: Path | None = None) -> "Scenario":
+        """The scenario of the project in a folder, or one of a user's file that is `based_on` it.
+
+        Raises InputError naming file, line, key and remedy.
+        """
+        (paper_model,) = (base for base in cls.model.__mro__[1:] if base.__module__.endswith(f"{cls.paper}.inputs"))
+        sources = dict(load_study(cls.paper, paper_model, root).readings[CORRECTED].sources)
+        words = ""
+        for path in (root / f"configs/scenarios/{cls.name}.yaml", *([file] if file else ())):
+            place = Place(str(path), read_yaml(path, "check its path and permissions"))
+            body = checked(written_reading(cls.model), place.document, place)
+            if path == file and body.based_on != cls.name:
+                raise InputError(f"{place}: based_on is {body.based_on!r}; write 'based_on: {cls.name}'")
+            sources, words = sources | inputs_set(cls.model, body, path.stem, place), body.summary
+        return cls(root, sources, place, words)
+
+    @cached_property
+    def given(self) -> Inputs:
+        """Inputs of what is known on board, and of the truth where no condition changes it."""
+        return typed_inputs(self.model, self.root, self.sources, self.place)
+
+    def truth(self, condition: str) -> Inputs:
+        """Inputs of the truth in a condition."""
+        changed = dict(
+            source_of_key(self.model, key, value, f"condition {condition}")
+            for key, value in self.conditions[condition].changed.items()
+        )
+        return typed_inputs(self.model, self.root, {**self.sources, **changed}, self.place)
+
+    @property
+    def onboard(self):
+        """What guidance knows: all that laws may be designed from."""
+        raise NotImplementedError
+
+    def flight(self, condition: str) -> dict:
+        """Arguments of `marsedl.fly.fly` but for law, trials and seed: what flies in a condition."""
+        raise NotImplementedError
+
+    def scores(self, flights, condition: str) -> dict[str, np.ndarray]:
+        """What is told of every flight, each (trials,), by the names of `columns`.
+
+        Among them are `miss` (m), `inside` (of the box, 1 or 0) and what else the scenario counts; of flights that did
+        not end as they should, all but `inside`, which is 0, are NaN.
+        """
+        raise NotImplementedError
+
+    def campaign(self, law, condition: str, seed: int) -> Campaign:
+        """The flights of a law in a condition, of which any trials may be flown."""
+        options = {"history": None, "period": 1.0, "substeps": 4, "trigger": None} | self.flight(condition)
+        return Campaign(**options, law=law, seed=seed)
+
+    def law(self, name: str, **tuned: float):
+        """A resident's law."""
+        return self.residents[name].design(self.onboard, **tuned)
