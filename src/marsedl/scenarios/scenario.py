@@ -60,8 +60,7 @@ class Scenario:
 
         Raises InputError naming file, line, key and remedy.
         """
-        (paper_model,) = (base for base in cls.model.__mro__[1:] if base.__module__.endswith(f"{cls.paper}.inputs"))
-        sources = dict(load_study(cls.paper, paper_model, root).readings[CORRECTED].sources)
+        sources = dict(load_study(cls.paper, cls.model.__base__, root).readings[CORRECTED].sources)
         words = ""
         for path in (root / f"configs/scenarios/{cls.name}.yaml", *([file] if file else ())):
             place = Place(str(path), read_yaml(path, "check its path and permissions"))
@@ -73,8 +72,14 @@ class Scenario:
 
     @cached_property
     def given(self) -> Inputs:
-        """Inputs of what is known on board, and of the truth where no condition changes it."""
+        """All inputs, where no condition changes them."""
         return typed_inputs(self.model, self.root, self.sources, self.place)
+
+    @cached_property
+    def known(self) -> Inputs:
+        """Inputs of what is known on board: those of the paper's sections, without any of the truth."""
+        model = self.model.__base__
+        return model(**{name: getattr(self.given, name) for name in model.sections()})
 
     def truth(self, condition: str) -> Inputs:
         """Inputs of the truth in a condition."""

@@ -1,14 +1,13 @@
 """What guidance knows before the flight: vehicle, planet, mean density and the nominal flight, without any error."""
 
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from marsedl.fly import Entry, Planet, Table
+from marsedl.fly.dynamics import EntryState, frame_of, sensed_at
 from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, linearization, nominal
 from marsedl.papers.stochastic_entry.inputs import Inputs
-from marsedl.replication.inputs.readings import load_study
 
 __all__ = ["Onboard", "entry_of", "start_of"]
 
@@ -20,13 +19,8 @@ class Onboard:
     """
 
     def __init__(self, given: Inputs):
-        """Take typed inputs of the stochastic entry guidance."""
+        """Take its inputs."""
         self.given = given
-
-    @classmethod
-    def of_reading(cls, root: Path, reading="corrected") -> "Onboard":
-        """That of a reading of the project in a folder."""
-        return cls(load_study("stochastic_entry", Inputs, root).readings[reading].inputs)
 
     @cached_property
     def nominal(self):
@@ -52,6 +46,17 @@ class Onboard:
     def entry(self) -> Entry:
         """The vehicle in its mean air."""
         return entry_of(self.given)
+
+    @cached_property
+    def end(self) -> dict[str, float]:
+        """End of the nominal flight, where the box is: range and crossrange as laws are told them, and more."""
+        names = ("altitude", "velocity", "flight_path_angle", "azimuth", "latitude", "longitude")
+        state = {name: float(getattr(self.nominal, name)[-1]) for name in names}
+        start, planet = start_of(self.given), self.given.planet
+        pull = (planet.gravitational_parameter, planet.planet_radius)
+        sensed = sensed_at(EntryState(**state), 0.0, 0.0, 0.0, pull, frame_of(start))
+        place = {"range": sensed.range, "crossrange": sensed.crossrange, "energy": sensed.energy}
+        return state | place | {"end_time": float(self.nominal.end_time)}
 
 
 def entry_of(given: Inputs, **changed) -> Entry:

@@ -1,0 +1,129 @@
+"""The arena: laws flown in the same trials of a scenario, tuned with equal budgets, and compared."""
+
+import hashlib
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.fly.flights import Flights
+from marsedl.scenarios.ranking import Estimate, paired, places, summary_of
+from marsedl.scenarios.scenario import POOLS, Resident, Scenario
+
+__all__ = ["Scores", "flown", "joined", "pairs", "table", "tuned"]
+
+TUNING_FLIGHTS = 4_000  # of one law
+TUNING_TRIES = 8  # sets of numbers between which a law is chosen; the first one is that of its authors
+
+
+class Scores(NamedTuple):
+    """What is told of the trials of one law in one condition."""
+
+    names: tuple[str, ...]
+    values: np.ndarray  # (names, trials), SI
+    outcome: np.ndarray  # (trials,), words
+
+    def __getitem__(self, name):
+        """The numbers of a name, (trials,)."""
+        return self.values[self.names.index(name)]
+
+    def digest(self) -> str:
+        """Of all bits of all trials."""
+        return hashlib.sha256(self.values.tobytes() + " ".join(self.outcome).encode()).hexdigest()[:16]
+
+
+def flown(scenario: Scenario, law, condition: str, seed: int, first: int, count: int, **how) -> Scores:
+    """Fly consecutive trials of a law.
+
+    Args:
+        scenario: that flies. law: as `marsedl.fly.fly` takes it. condition: by name. seed: of the pool, see `POOLS`.
+        first, count: which trials. how: processes, progress, compiled, as of `marsedl.fly.fly`.
+
+    Raises:
+        ValueError: as `marsedl.fly.fly`; for a law that asks for the truth.
+    """
+    campaign = scenario.campaign(law, condition, seed)
+    options = how.get("processes", 1), how.get("progress", False), how.get("compiled", True)
+    numbers, outcome, _ = campaign.fly_all(first, count, *options)
+    named = scenario.scores(Flights(campaign, numbers, outcome, None, options), condition)
+    return Scores((*named,), np.array([*named.values()]), outcome)
+
+
+def joined(parts: list[Scores]) -> Scores:
+    """Scores of chunks of trials, in their order."""
+    values = np.concatenate([part.values for part in parts], axis=1)
+    return Scores(parts[0].names, values, np.concatenate([part.outcome for part in parts]))
+
+
+def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights=TUNING_FLIGHTS) -> dict[str, float]:
+    """The numbers of a law that miss least on the pool for tuning, of as many tries as every law has.
+
+    The first try is the law as its authors give it (no numbers); the others are points of a Sobol sequence between the
+    bounds, on a logarithmic scale. A try that cannot be designed, or loses trials, is none.
+    """
+    from scipy.stats import qmc
+
+    if not resident.tuned:
+        return {}
+    bounds = np.log(np.array([*resident.tuned.values()]))
+    points = qmc.Sobol(len(bounds), scramble=False).random(TUNING_TRIES)[1:]
+    tries = [{}, *(dict(zip(resident.tuned, np.exp(row), strict=True)) for row in qmc.scale(points, *bounds.T))]
+    found = []
+    for numbers in tries:
+        try:
+            law = resident.design(scenario.onboard, **{name: float(number) for name, number in numbers.items()})
+        except ValueError:
+            continue
+        miss = flown(scenario, law, condition, POOLS["tuning"], 0, flights // TUNING_TRIES)["miss"]
+        if np.isfinite(miss).all():
+            found.append((float(miss.mean()), numbers))
+    return {name: float(number) for name, number in min(found, key=lambda one: one[0])[1].items()} if found else {}
+
+
+def table(scores: Mapping[str, Scores], confidence=0.95):
+    """One row a law, the best first: estimates with their intervals, medians of all else, trials lost by cause.
+
+    Args:
+        scores: by law, all of the same trials. confidence: of each interval, and of all pairs at once.
+
+    Returns:
+        Data frame: law, place (best and worst one that is left open), an `Estimate` each in three columns, such as
+        mean, mean_lower and mean_upper (m), and lost by outcome.
+    """
+    import pandas as pd
+
+    ranks = places(pairs_of(scores, confidence)) if len(scores) > 1 else {name: (1, 1) for name in scores}
+    rows = []
+    for law, one in scores.items():
+        counted = one["miss"][np.isfinite(one["miss"])]
+        row = {"law": law, "best_place": ranks[law][0], "worst_place": ranks[law][1], "trials": one.outcome.size}
+        for name, estimate in summary_of(counted, one["inside"] > 0.5, confidence).items():
+            row |= {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
+        others = [name for name in one.names if name not in ("miss", "inside")]
+        row |= {f"median_{name}": float(np.nanmedian(one[name])) if counted.size else np.nan for name in others}
+        kinds, counts = np.unique(one.outcome[~np.isfinite(one["miss"])], return_counts=True)
+        row["lost"] = "; ".join(f"{count} {kind}" for kind, count in zip(kinds, counts, strict=True))
+        rows.append(row)
+    return pd.DataFrame(rows).sort_values("mean", kind="stable", ignore_index=True)
+
+
+def pairs_of(scores: Mapping[str, Scores], confidence=0.95):
+    """Differences of all pairs of laws, see `ranking.paired`."""
+    misses = {law: one["miss"] for law, one in scores.items()}
+    return paired(misses, {law: one["inside"] > 0.5 for law, one in scores.items()}, confidence)
+
+
+def pairs(scores: Mapping[str, Scores], confidence=0.95):
+    """The same as a data frame: first, second, the differences of mean miss (m) and share inside, and a verdict."""
+    import pandas as pd
+
+    rows = []
+    for pair in pairs_of(scores, confidence):
+        row = {"first": pair.first, "second": pair.second, "correlation": pair.correlation}
+        for name in ("mean", "inside"):
+            estimate: Estimate = getattr(pair, name)
+            row |= {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
+        low, high = pair.mean.lower, pair.mean.upper
+        row["misses_less"] = pair.first if high < 0.0 else pair.second if low > 0.0 else "tie"
+        rows.append(row)
+    return pd.DataFrame(rows)
