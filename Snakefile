@@ -21,6 +21,7 @@ include: "workflow/rules/stages.smk"
 include: "workflow/rules/products.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/universes.smk"
+include: "workflow/rules/arena.smk"
 include: "workflow/rules/report.smk"
 
 

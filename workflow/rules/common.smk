@@ -7,6 +7,7 @@ import tempfile
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.scenarios import arenas
 from marsedl.replication.pipeline.catalogue import FLIGHTS
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.yaml_file import read_yaml
@@ -27,6 +28,7 @@ IS_MAIN = workflow.modifier.is_main_snakefile()
 OWN_CONFIG = dict(config) if IS_MAIN else {key: config[key] for key in (*SLUGS, *SETTINGS) if key in config}
 OWN_FILES = workflow.configfiles if IS_MAIN else []
 SIZE = str(OWN_CONFIG.get("size", "full"))
+TRIALS = OWN_CONFIG.get("trials")  # of each law in the arena
 
 
 def from_start(path):
@@ -36,7 +38,7 @@ def from_start(path):
 
 try:
     PAPERS = {slug: catalogue(slug) for slug in SLUGS}
-    COMPARISONS = comparisons()
+    COMPARISONS, ARENAS = comparisons(), arenas()
     MODELS = {slug: input_model(slug) for slug in SLUGS}
     STUDIES = load_studies(MODELS, ROOT, OWN_CONFIG, [from_start(path) for path in OWN_FILES])
     HEADLINES = {slug: read_yaml(ROOT / f"data/published/{slug}.yaml").get("headline", ()) for slug in SLUGS}
@@ -65,6 +67,7 @@ except MarsedlError as error:
 
 wildcard_constraints:
     paper="|".join(SLUGS),
+    scenario="|".join(ARENAS),
     reading="[a-z0-9_]+",
     # The folder of a reading's figures and tables; those of the default reading stand above it.
     place="([a-z0-9_]+/)?",
@@ -75,7 +78,7 @@ wildcard_constraints:
     chunks=r"[1-9]\d*",
 
 
-PRODUCTS = Products(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE)
+PRODUCTS = Products(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE, ARENAS, TRIALS)
 SHARED = PRODUCTS.shared
 with open(ROOT / "data/reference/costs.csv", encoding="utf-8", newline="") as _file:
     # Seconds of the longest job of each kind.

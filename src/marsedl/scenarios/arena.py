@@ -32,6 +32,11 @@ class Scores(NamedTuple):
         return hashlib.sha256(self.values.tobytes() + " ".join(self.outcome).encode()).hexdigest()[:16]
 
 
+def shortened(digest: str) -> str:
+    """A digest of 16 characters of a longer one, or of several."""
+    return hashlib.sha256(digest.encode()).hexdigest()[:16]
+
+
 def flown(scenario: Scenario, law, condition: str, seed: int, first: int, count: int, **how) -> Scores:
     """Fly consecutive trials of a law.
 
@@ -55,29 +60,38 @@ def joined(parts: list[Scores]) -> Scores:
     return Scores(parts[0].names, values, np.concatenate([part.outcome for part in parts]))
 
 
-def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights=TUNING_FLIGHTS) -> dict[str, float]:
-    """The numbers of a law that miss least on the pool for tuning, of as many tries as every law has.
+class Try(NamedTuple):
+    """One set of numbers of a law, and what it gave on the pool for tuning."""
 
-    The first try is the law as its authors give it (no numbers); the others are points of a Sobol sequence between the
-    bounds, on a logarithmic scale. A try that cannot be designed, or loses trials, is none.
+    numbers: dict[str, float]  # none: the law as its authors give it
+    mean: float  # miss, m; NaN: it could not be designed, or lost trials
+    saturated: float  # guidance periods with a limit in action, on average
+
+
+def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights=TUNING_FLIGHTS) -> list[Try]:
+    """Try a law with as many sets of numbers as every law has, the same flights for each; the best one is the first.
+
+    The first try is the law as its authors give it; the others are points of a Sobol sequence between the bounds, on a
+    logarithmic scale. Flights are those of the pool for tuning.
     """
     from scipy.stats import qmc
 
-    if not resident.tuned:
-        return {}
-    bounds = np.log(np.array([*resident.tuned.values()]))
-    points = qmc.Sobol(len(bounds), scramble=False).random(TUNING_TRIES)[1:]
-    tries = [{}, *(dict(zip(resident.tuned, np.exp(row), strict=True)) for row in qmc.scale(points, *bounds.T))]
+    tries = [{}]
+    if resident.tuned:
+        bounds = np.log(np.array([*resident.tuned.values()])).T
+        points = qmc.scale(qmc.Sobol(len(resident.tuned), scramble=False).random(TUNING_TRIES)[1:], *bounds)
+        tries += [dict(zip(resident.tuned, map(float, np.exp(row)), strict=True)) for row in points]
     found = []
     for numbers in tries:
         try:
-            law = resident.design(scenario.onboard, **{name: float(number) for name, number in numbers.items()})
+            law = resident.design(scenario.onboard, **numbers)
         except ValueError:
+            found.append(Try(numbers, np.nan, np.nan))
             continue
-        miss = flown(scenario, law, condition, POOLS["tuning"], 0, flights // TUNING_TRIES)["miss"]
-        if np.isfinite(miss).all():
-            found.append((float(miss.mean()), numbers))
-    return {name: float(number) for name, number in min(found, key=lambda one: one[0])[1].items()} if found else {}
+        scores = flown(scenario, law, condition, POOLS["tuning"], 0, max(flights // TUNING_TRIES, 1))
+        # Not the mean of a few: a trial that is lost makes it NaN.
+        found.append(Try(numbers, float(scores["miss"].mean()), float(np.nanmean(scores["saturated"]))))
+    return sorted(found, key=lambda one: (np.isnan(one.mean), one.mean))
 
 
 def table(scores: Mapping[str, Scores], confidence=0.95):
@@ -92,7 +106,7 @@ def table(scores: Mapping[str, Scores], confidence=0.95):
     """
     import pandas as pd
 
-    ranks = places(pairs_of(scores, confidence)) if len(scores) > 1 else {name: (1, 1) for name in scores}
+    ranks = places(pairs_of(scores, confidence)) if len(scores) > 1 else dict.fromkeys(scores, (1, 1))
     rows = []
     for law, one in scores.items():
         counted = one["miss"][np.isfinite(one["miss"])]

@@ -164,10 +164,9 @@ def places(pairs: list[Pair], what="mean") -> dict[str, tuple[int, int]]:
     return {name: (1 + len(better[name]), len(names) - worse[name]) for name in names}
 
 
-def trials_needed(estimate: Estimate, trials: int, share=0.1) -> float:
+def trials_needed(value: float, half_width: float, trials: int, share=0.1) -> float:
     """Trials with which the interval of a number would be no wider, on one side, than a share of the number.
 
     Widths shrink with the root of the number of trials. NaN if the interval is not known.
     """
-    half = 0.5 * (estimate.upper - estimate.lower)
-    return float(np.ceil(trials * (half / (share * abs(estimate.value))) ** 2)) if estimate.value else np.nan
+    return float(np.ceil(trials * (half_width / (share * abs(value))) ** 2)) if value else np.nan

@@ -49,6 +49,7 @@ class Scenario:
     residents: ClassVar[Mapping[str, Resident]]
     columns: ClassVar[Mapping[str, tuple[str, str]]]  # unit and meaning of every number of `scores`
     box: ClassVar[str]  # what `inside` means, in words
+    budgeted: ClassVar[tuple[str, ...]]  # quantities whose variance is told apart by its sources
 
     def __init__(self, root: Path, sources: Mapping[str, Source], place: Place, words: str = ""):
         """Take the sources of all inputs by "section.name"."""
@@ -106,9 +107,9 @@ class Scenario:
         """
         raise NotImplementedError
 
-    def campaign(self, law, condition: str, seed: int) -> Campaign:
-        """The flights of a law in a condition, of which any trials may be flown."""
-        options = {"history": None, "period": 1.0, "substeps": 4, "trigger": None} | self.flight(condition)
+    def campaign(self, law, condition: str, seed: int, history: float | None = None) -> Campaign:
+        """The flights of a law in a condition, of which any trials may be flown; history: seconds between states."""
+        options = {"history": history, "period": 1.0, "substeps": 4, "trigger": None} | self.flight(condition)
         return Campaign(**options, law=law, seed=seed)
 
     def law(self, name: str, **tuned: float):

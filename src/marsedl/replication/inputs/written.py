@@ -36,6 +36,7 @@ Name = typing.Annotated[str, AfterValidator(_reading_name)]
 Source = typing.Annotated[str, AfterValidator(_reason)]
 Limit = typing.Annotated[float, Strict(), Field(gt=0)]
 Chunks = typing.Annotated[int, Strict(), Field(ge=1, le=100_000)]
+Trials = typing.Annotated[int, Strict(), Field(ge=1, le=100_000_000)]
 
 
 class Sourced(Keys):
@@ -69,6 +70,7 @@ class Settings(Keys):
     size: str = "full"  # of the build: or one under `sizes` in configs/*.yaml
     chunks: Chunks | None = None  # into how many jobs the trials of every case are divided
     universes: Chunks | None = None  # so many fill the space of choices, and all are varied alone
+    trials: Trials | None = None  # of every law and condition of the arena
 
 
 def _section_of(key: str, inputs: type[Inputs]) -> str:

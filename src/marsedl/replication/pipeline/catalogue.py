@@ -150,6 +150,24 @@ class Paper:
         return list(groups.values())
 
 
+@dataclass(frozen=True)
+class Arena:
+    """A scenario in which guidance laws are compared: which code and inputs it takes, and what it shows."""
+
+    name: str
+    paper: str  # whose `corrected` inputs it takes
+    entries: tuple[str, ...]  # "package.module:function" of what flies
+    shows: tuple[str, ...]  # of what draws and tabulates
+    title: str
+    summary: str
+    figures: dict[str, str]  # captions
+    tables: dict[str, str]
+
+    def kinds(self) -> list[tuple[dict[str, str], tuple[str, str]]]:
+        """Return figures and tables with the endings of their files."""
+        return [(self.figures, ("png", "pdf")), (self.tables, ("csv", "md"))]
+
+
 def entry_of(paper: str, kind: str, name: str) -> str:
     """Return the entry "package.module:function" of a paper's function; kind: its module, such as figures."""
     return f"marsedl.papers.{paper}.{kind}:{name}"

@@ -6,7 +6,8 @@ the recipe that a product was made from.
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from functools import cache, cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED, UNIVERSES
 from marsedl.replication.inputs.readings import Study, committed_inputs, counted_inputs
 from marsedl.replication.inputs.yaml_file import read_yaml
-from marsedl.replication.pipeline.catalogue import TEXTS, Paper, entry_of
+from marsedl.replication.pipeline.catalogue import TEXTS, Arena, Paper, entry_of
 from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.pipeline.libraries import versions_used
 from marsedl.replication.pipeline.numerics import NUMERIC_ENVIRONMENT
@@ -28,6 +29,8 @@ RECORDS = f"{ARTIFACTS}recipes/"  # beside the artifacts, as it is they that a c
 BENCHMARKS = "data/reference/benchmarks.csv"
 COMMITTED_RUNS = "data/reference/universes/"
 MEASURED_FROM = ("kind", "printed", "unit", "resolution", "trials", "input")  # of a printed claim, by what measures it
+SEALED = "data/reference/arena/"  # tables of laws on the sealed pool of trials
+BLOCK, CHUNK = 250, 5_000  # trials of the arena: whose bits are compared at once, and that a job flies
 _TEMPLATES = "src/marsedl/replication/report/templates"
 
 
@@ -46,10 +49,21 @@ class Products:
     """
 
     def __init__(
-        self, root: Path, papers: dict[str, Paper], studies: dict[str, Study], comparisons: dict, size: str = FULL
+        self,
+        root: Path,
+        papers: dict[str, Paper],
+        studies: dict[str, Study],
+        comparisons: dict,
+        size: str = FULL,
+        arenas: Mapping[str, Arena] = {},
+        trials: int | None = None,
     ):
-        """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them."""
+        """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them.
+
+        arenas: scenarios in which laws are compared; trials: of each law there, None for a sample
+        """
         self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
+        self.arenas, self.trials = arenas, trials
         self.sources = fingerprints_of(root)
         self.job, self._reached = cache(self._job), cache(self._reached_by)
         self._world = cache(self._world_of)  # not to be changed
@@ -77,9 +91,15 @@ class Products:
         """Return all figures and tables of the comparison across papers."""
         return [f"figures/comparison/{stem}.{ext}" for stem in self.comparisons for ext in ("png", "pdf", "csv", "md")]
 
+    def fought(self) -> list[str]:
+        """Return all figures and tables of the arena."""
+        kinds = [(name, of, ends) for name, arena in self.arenas.items() for of, ends in arena.kinds()]
+        return [f"figures/arena/{name}/{stem}.{suffix}" for name, of, ends in kinds for stem in of for suffix in ends]
+
     def all(self) -> list[str]:
         """Return what `snakemake all` makes, but for what these are made from."""
-        return ["report/index.html", "report/claims.json"] + [p for slug in self.papers for p in self.shown(slug)]
+        shown = [path for slug in self.papers for path in self.shown(slug)]
+        return ["report/index.html", "report/claims.json", *shown, *self.fought()]
 
     # --- jobs
 
@@ -135,6 +155,10 @@ class Products:
                 return self._universes(stem.partition(".")[0], "whole/")
             case "report", "universes", _:
                 return self._universes(stem.partition(".")[0])
+            case "report", "arena", name:
+                return self._arena(name)
+            case _, "arena", name, _:
+                return self._fought(name)
             case "report", "claims.json":
                 kinds = "claims", "counterexamples", "universes"
                 needs = [f"report/{kind}/{paper}.json" for kind in kinds for paper in self.papers]
@@ -174,6 +198,65 @@ class Products:
         entries = [f"marsedl.comparison.{stem}:{name}" for name in ("figure", "table", *takes)]
         inputs = {slug: self.shared[slug].inputs(CORRECTED, taken.inputs) for slug, taken in takes.items()}
         return self._scripted(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
+
+    def _arena(self, name: str) -> PlannedJob:
+        """The tuning of laws, or the flights of a chunk of trials of all of them; see `chunks_of_arena`."""
+        name, _, what = name.partition(".")
+        arena = self.arenas[name]
+        given = {
+            "inputs": {CORRECTED: self.shared[arena.paper].values[CORRECTED]},
+            "files": self._files([f"configs/scenarios/{name}.yaml"]),
+            "size": self.size,
+            **self._reached(*arena.entries),
+        }
+        if what == "tuned.json":
+            params = given | {"script": self.sources.code("arena_tuned.py")}
+            return PlannedJob(f"report/arena/{name}.tuned", params, [])
+        world, script = recipe_digest(given), self.sources.code("arena_flights.py")
+        chunks = self.chunks_of_arena(name, world)
+        sealed = self._sealed(name)
+        is_sealed = self._is_sealed(name, world)
+        params = given | {"world": world, "script": script, "chunks": chunks, "sealed": is_sealed}
+        params["files"] = given["files"] | (self._files(sealed) if is_sealed else {})
+        return PlannedJob(f"report/arena/{name}.flights", params, [f"report/arena/{name}.tuned.json"])
+
+    def _sealed(self, name: str) -> list[str]:
+        """The file of a scenario's sealed table, if there is one."""
+        path = f"{SEALED}{name}.json"
+        return [path] if (self.root / path).exists() else []
+
+    def _is_sealed(self, name: str, world: str) -> bool:
+        """Whether the sealed table of a scenario is of these inputs and this code."""
+        return any(json.loads((self.root / path).read_text())["world"] == world for path in self._sealed(name))
+
+    def chunks_of_arena(self, name: str, world: str) -> list[list[list[int]]]:
+        """First trial and number of the trials that each job of a scenario flies.
+
+        By default a job flies two blocks of the sealed table, drawn by the digest of the code, or the first ones where
+        there is no table of this code.
+        """
+        if self.trials:
+            return [[[first, min(CHUNK, self.trials - first)]] for first in range(0, self.trials, CHUNK)]
+        if self.size != FULL:
+            return [[[0, 20]]]
+        if not self._is_sealed(name, world):
+            return [[[0, 2 * BLOCK]]]
+        (path,) = self._sealed(name)
+        blocks = range(json.loads((self.root / path).read_text())["trials"] // BLOCK)
+        drawn = sorted(blocks, key=lambda one: hashlib.sha256(f"{self._file_digest(path)} {one}".encode()).digest())
+        return [[[BLOCK * block, BLOCK] for block in sorted(drawn[:2])]]
+
+    def _fought(self, name: str) -> PlannedJob:
+        """All figures and tables of a scenario."""
+        arena = self.arenas[name]
+        chunks = self.job(f"report/arena/{name}.flights").params["chunks"]
+        needs = [f"report/arena/{name}.{chunk}of{len(chunks)}.h5" for chunk in range(len(chunks))]
+        needs.append(f"report/arena/{name}.tuned.json")
+        files = [f"configs/scenarios/{name}.yaml", *self._sealed(name)]
+        job = f"figures/arena/{name}", needs, "arena_shown.py", *arena.shows
+        world = self.job(f"report/arena/{name}.flights").params["world"]
+        inputs = {CORRECTED: self.shared[arena.paper].values[CORRECTED]}
+        return self._scripted(*job, size=self.size, world=world, inputs=inputs, files=self._files(files))
 
     def _judging(self, paper: str, readings: Iterable[str]) -> dict[str, object]:
         """What claims are judged from in some readings."""
@@ -335,7 +418,8 @@ class Products:
     def _of_the_project(self) -> "Products":
         """The products without a user's own readings."""
         studies = {slug: study.without_own_readings() for slug, study in self.studies.items()}
-        return Products(self.root, self.papers, studies, self.comparisons, self.size)
+        given = self.comparisons, self.size, self.arenas, self.trials
+        return Products(self.root, self.papers, studies, *given)
 
     def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:
         """Yield products with all that they are made from, nothing before what it needs."""

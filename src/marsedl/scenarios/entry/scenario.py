@@ -32,6 +32,7 @@ class EntryScenario(Scenario):
 
     name, paper, model, residents = "entry", "stochastic_entry", Inputs, RESIDENTS
     box = "at most 2.5 km from the nominal end, within 2 km of its altitude and 50 m/s of its velocity"
+    budgeted = ("range", "crossrange")
     conditions: ClassVar = {
         "exact": Condition("exact", "start and density dispersed, and both known", _EXACT),
         "dispersed": Condition("dispersed", "all errors; ends at a velocity"),

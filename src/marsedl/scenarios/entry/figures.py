@@ -1,0 +1,69 @@
+"""Figures of the entry."""
+
+import numpy as np
+
+from marsedl.plotting.curves import legend_below
+from marsedl.plotting.style import BLACK, new_figure
+from marsedl.scenarios import figures
+from marsedl.scenarios.figures import colors, grid, words
+
+__all__ = ["FIGURES"]
+
+# Facts of "Final Minutes of Curiosity's Arrival at Mars", NASA, 2012: altitude and velocity of the parachute.
+MSL_PARACHUTE = (10.0, 470.0)  # km, m/s
+FACTORS = {"thin_air": 0.9, "dispersed": 1.0, "thick_air": 1.1, "thicker_air": 1.3}  # of the mean density
+
+
+def footprint(shown):
+    """Ends of all flights about the box."""
+    radius = shown.scenario.given.box.largest_miss
+    return figures.footprint(shown, ("crossrange_miss", "to the right"), ("downrange_miss", "beyond"), radius)
+
+
+def density(shown):
+    """Miss against the error of the mean density."""
+    figure, axes = new_figure(6.4, 4.0)
+    known = {name: factor for name, factor in FACTORS.items() if name in shown.by_condition}
+    for law, style in colors(shown.scores).items():
+        misses = [shown.by_condition[name][law]["miss"] / 1e3 for name in known]
+        errors = [100.0 * (factor - 1.0) for factor in known.values()]
+        axes.plot(errors, [np.nanmedian(miss) for miss in misses], label=words(law), markersize=4, **style)
+        axes.plot(errors, [np.nanquantile(miss, 0.95) for miss in misses], "--", color=style["color"], linewidth=0.8)
+    axes.set(yscale="log", xlabel="true mean density over that known on board, less one (%)", ylabel="miss (km)")
+    legend_below(figure, [axes], 4)
+    return figure
+
+
+def corridor(shown):
+    """Altitude against velocity with bands."""
+    figure, panels = grid(len(shown.histories))
+    velocity = np.linspace(520.0, 5400.0, 80)
+    nominal = shown.scenario.onboard.nominal
+    for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
+        history = flights.to_xarray()
+        curves = []
+        for trial in range(flights.trials):
+            one = history.isel(trial=trial)
+            fast, high = np.asarray(one["velocity"]), np.asarray(one["altitude"])
+            known = np.isfinite(fast) & np.isfinite(high)
+            order = np.argsort(fast[known])
+            curves.append(np.interp(velocity, fast[known][order], high[known][order]))
+        low, high = np.quantile(curves, [0.05, 0.95], axis=0) / 1e3
+        panel.fill_between(velocity, low, high, color=colors(shown.scores)[law]["color"], alpha=0.35, linewidth=0.0)
+        panel.plot(nominal.velocity, nominal.altitude / 1e3, color=BLACK, linewidth=0.8)
+        panel.plot(MSL_PARACHUTE[1], MSL_PARACHUTE[0], "x", color=BLACK, markersize=6)
+        panel.set(xlim=(0.0, 5500.0), ylim=(0.0, 60.0))
+        panel.set_title(words(law), fontsize=8)
+    figure.supxlabel("velocity (m/s)", fontsize=9)
+    figure.supylabel("altitude (km)", fontsize=9)
+    return figure
+
+
+FIGURES = {
+    "ranks": figures.ranks,
+    "footprint": footprint,
+    "density": density,
+    "corridor": corridor,
+    "fronts": figures.fronts,
+    "sources": figures.sources,
+}

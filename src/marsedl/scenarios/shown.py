@@ -1,0 +1,285 @@
+"""Tables and figures of a scenario, from the flights of all laws."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+
+import numpy as np
+
+from marsedl.fly.flights import Flights
+from marsedl.plotting.style import save_figure
+from marsedl.replication.errors import MarsedlError
+from marsedl.replication.files import write_text
+from marsedl.replication.pipeline.catalogue import Arena
+from marsedl.replication.pipeline.products import BLOCK
+from marsedl.replication.records.tables import Column, table, write_table
+from marsedl.scenarios import arena
+from marsedl.scenarios.arena import Scores
+from marsedl.scenarios.ranking import trials_needed
+from marsedl.scenarios.scenario import POOLS, Scenario
+
+__all__ = ["TABLES", "Shown", "write"]
+
+STUDIED, WITH_HISTORY = (
+    1_000,
+    100,
+)  # trials of the practice pool of which dispersions are told apart, and histories kept
+STUDY = "dispersed"  # condition in which that is
+MISSES = ("mean", "p50", "p95", "p99", "p99.9", "tail")
+WORDS = {  # meanings of the columns of misses
+    "mean": "mean miss",
+    "p50": "miss that half of the flights exceed",
+    "p95": "miss that 5 % exceed",
+    "p99": "miss that 1 % exceed",
+    "p99.9": "miss that 0.1 % exceed",
+    "tail": "mean miss of the 0.1 % that miss most",
+}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """All that is shown of a scenario."""
+
+    scenario: Scenario
+    scores: Mapping[str, Mapping[str, Scores]]  # by law and condition, of today's flights
+    trials: np.ndarray  # their numbers in the pool of proof
+    tuned: Mapping[str, list[dict]]  # what was tried for every law, the best first
+    world: str  # digest of code and inputs
+    sealed: Mapping | None = None  # the sealed table, if there is one
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether the sealed table is of today's code and inputs, and so what tables show."""
+        return (
+            self.sealed is not None and self.sealed["world"] == self.world and self.trials.size < self.sealed["trials"]
+        )
+
+    @cached_property
+    def by_condition(self) -> dict[str, dict[str, Scores]]:
+        """Scores by condition and law."""
+        conditions = next(iter(self.scores.values()))
+        return {condition: {law: of[condition] for law, of in self.scores.items()} for condition in conditions}
+
+    @cached_property
+    def ranked(self) -> list[dict]:
+        """Rows of the table of ranks, of the sealed table if it is of today's code."""
+        if self.is_sealed:
+            return self.sealed["ranks"]
+        return [
+            {"condition": c} | row for c, of in self.by_condition.items() for row in arena.table(of).to_dict("records")
+        ]
+
+    @cached_property
+    def paired(self) -> list[dict]:
+        """Rows of the table of pairs, of the sealed table if it is of today's code."""
+        if self.is_sealed:
+            return self.sealed["pairs"]
+        return [
+            {"condition": c} | row for c, of in self.by_condition.items() for row in arena.pairs(of).to_dict("records")
+        ]
+
+    def _rows(self, tabulate):
+        """Rows of a table of every condition."""
+        tables = {condition: tabulate(scores) for condition, scores in self.by_condition.items()}
+        return [{"condition": name} | row for name, one in tables.items() for row in one.to_dict("records")]
+
+    def law(self, name):
+        """A law as it was tuned."""
+        return self.scenario.law(name, **self.tuned[name][0]["numbers"])
+
+    @cached_property
+    def studied(self) -> dict[str, Flights]:
+        """Flights of every law on the practice pool, which may be asked further questions."""
+        trials = min(STUDIED, self.trials.size)
+        flights = {}
+        for name in self.scores:
+            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"])
+            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
+        return flights
+
+    @cached_property
+    def histories(self) -> dict[str, Flights]:
+        """Flights of every law with a state every two guidance periods."""
+        flights = {}
+        for name in self.scores:
+            options = {"period": 1.0} | self.scenario.flight(STUDY)
+            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], 2.0 * options["period"])
+            trials = min(WITH_HISTORY, self.trials.size)
+            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
+        return flights
+
+    def blocks(self) -> dict[str, list[str]]:
+        """Digests of all bits of each block of trials, by law."""
+        found = {}
+        for law, of in self.scores.items():
+            parts = [slice(first, first + BLOCK) for first in range(0, self.trials.size, BLOCK)]
+            found[law] = [
+                " ".join(Scores(one.names, one.values[:, part], one.outcome[part]).digest() for one in of.values())
+                for part in parts
+            ]
+        return found
+
+    def require_same(self) -> None:
+        """Compare what was flown with the sealed table. Raises MarsedlError naming law and trials that differ."""
+        for law, digests in self.blocks().items() if self.is_sealed else ():
+            for number, digest in enumerate(digests):
+                first = int(self.trials[number * BLOCK])
+                if self.sealed["blocks"][law][first // BLOCK] != arena.shortened(digest):
+                    raise MarsedlError(
+                        f"{self.scenario.name}: trials {first} to {first + BLOCK - 1} of {law} are others than those "
+                        f"of the sealed table of the same code and inputs: do libraries or machine differ?"
+                    )
+
+    def seal(self) -> dict:
+        """The sealed table of these flights."""
+        return {
+            "world": self.world,
+            "trials": int(self.trials.size),
+            "tuned": {law: tries[0]["numbers"] for law, tries in self.tuned.items()},
+            "blocks": {law: [arena.shortened(one) for one in digests] for law, digests in self.blocks().items()},
+            "ranks": self.ranked,
+            "pairs": self.paired,
+        }
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def ranks(shown: Shown):
+    """Every law in every condition."""
+    columns = {
+        "condition": Column(),
+        "tier": Column(meaning="exact, dispersed or wrong"),
+        "law": Column(),
+        "best_place": Column(meaning="best place that the intervals of all pairs leave open"),
+        "worst_place": Column(meaning="worst place that they leave open"),
+        "trials": Column(),
+    }
+    for name in MISSES:
+        columns[name] = Column("m", ".0f", WORDS[name], interval=(f"{name}_lower", f"{name}_upper"))
+        columns |= {f"{name}_{end}": Column("m", ".0f", f"{end} end of its interval") for end in ("lower", "upper")}
+    columns["inside"] = Column(
+        "", ".4f", f"share inside of the box: {shown.scenario.box}", interval=("inside_lower", "inside_upper")
+    )
+    columns |= {f"inside_{end}": Column("", ".4f", f"{end} end of its interval") for end in ("lower", "upper")}
+    for name, (unit, meaning) in shown.scenario.columns.items():
+        if name not in ("miss", "inside"):
+            columns[f"median_{name}"] = Column("" if unit == "1" else unit, ".4g", f"median: {meaning}")
+    columns["lost"] = Column(meaning="flights that did not end as they should, by how they ended")
+    tiers = {name: one.tier for name, one in shown.scenario.conditions.items()}
+    rows = [{"tier": tiers[row["condition"]], **row} for row in shown.ranked]
+    return table([[row[name] for name in columns] for row in rows], columns)
+
+
+def pairs(shown: Shown):
+    """Differences of two laws in the same trials."""
+    columns = {"condition": Column(), "first": Column(), "second": Column()}
+    for name, unit, digits in (("mean", "m", ".0f"), ("inside", "", ".4f")):
+        what = "difference of the mean misses" if name == "mean" else "difference of the shares inside of the box"
+        columns[name] = Column(unit, digits, what, interval=(f"{name}_lower", f"{name}_upper"))
+        columns |= {f"{name}_{end}": Column(unit, digits, f"{end} end of its interval") for end in ("lower", "upper")}
+    columns["correlation"] = Column("", ".2f", "of the misses of both laws over the trials")
+    columns["misses_less"] = Column(meaning="which law misses less on average")
+    return table([[row[name] for name in columns] for row in shown.paired], columns)
+
+
+def sources(shown: Shown):
+    """Variance of range and crossrange by kind of source."""
+    rows = []
+    for law, flights in shown.studied.items():
+        for quantity in shown.scenario.budgeted:
+            budget = flights.budget(quantity)
+            shares = budget.shares.assign(kind=_kinds(budget.shares)).groupby("kind")["share"].sum()
+            rows += [(law, quantity, kind, 100.0 * share) for kind, share in shares.items()]
+            rows.append((law, quantity, "all", 100.0))
+            rows[-1] = (law, quantity, "predicted over flown deviation", 100.0 * budget.deviation / budget.flown)
+    columns = {
+        "law": Column(),
+        "quantity": Column(),
+        "source": Column(meaning="kind of dispersion, or what linear covariance predicts over what is flown"),
+        "share": Column("%", ".1f", "of the variance; of the last row of a law the ratio of the deviations"),
+    }
+    found = table(rows, columns)
+    moved = found[found["source"] != "predicted over flown deviation"].groupby("source")[found.columns[3]].max()
+    if dead := [source for source, share in moved.items() if not share > 0.0]:
+        raise MarsedlError(f"{shown.scenario.name}: {', '.join(dead)} moves no output of any law: is it plugged in?")
+    return found
+
+
+def _kinds(shares):
+    """Kind of each source: of constants and noise of navigation one, of start and vehicle by name."""
+    named = {"senses": "navigation", "navigation": "navigation"}
+    return [
+        named.get(kind, f"{kind}: {source}" if kind in ("start", "vehicle") else source)
+        for kind, source in zip(shares["kind"], shares["source"], strict=True)
+    ]
+
+
+def explained(shown: Shown):
+    """Share of being outside of the box by what was drawn."""
+    rows = []
+    for law, flights in shown.studied.items():
+        outside = shown.scenario.scores(flights, STUDY)["inside"] < 0.5
+        asked = flights.with_quantity("outside", lambda known, outside=outside: outside * 1.0)
+        for row in asked.explains("outside").to_dict("records"):
+            rows.append((law, row["drawn"], *(100.0 * row[name] for name in ("share", "lower", "upper"))))
+    columns = {
+        "law": Column(),
+        "drawn": Column(meaning="number that was drawn"),
+        "share": Column("%", ".1f", "of the variance of whether it misses the box", interval=("lower", "upper")),
+        "lower": Column("%", ".1f", "lower end of its interval"),
+        "upper": Column("%", ".1f", "upper end of its interval"),
+    }
+    return table(rows, columns)
+
+
+def needed(shown: Shown):
+    """Trials that an interval of a tenth to each side takes."""
+    rows = []
+    for row in shown.ranked:
+        if row["condition"] == STUDY:
+            for name in (*MISSES, "inside"):
+                half = 0.5 * (row[f"{name}_upper"] - row[f"{name}_lower"])
+                rows.append((row["law"], name, trials_needed(row[name], half, row["trials"])))
+    columns = {
+        "law": Column(),
+        "number": Column(meaning="column of the table of ranks"),
+        "trials": Column("", ".3g", "with which its interval is a tenth of it to each side"),
+    }
+    return table(rows, columns)
+
+
+def tuning(shown: Shown):
+    """What was tried."""
+    rows = []
+    for law, tries in shown.tuned.items():
+        for number, one in enumerate(tries):
+            words = (
+                ", ".join(f"{name} {value:.3g}" for name, value in one["numbers"].items()) or "as its authors give it"
+            )
+            words = ", ".join(written) or "as its authors give it"
+            rows.append((law, words, one["mean"], one["saturated"], number == 0))
+    columns = {
+        "law": Column(),
+        "numbers": Column(meaning="that were tried"),
+        "mean miss": Column("m", ".0f", "on the pool for tuning; none where it lost trials or has no design"),
+        "saturated": Column("", ".1f", "guidance periods in which limits acted, on average"),
+        "chosen": Column(),
+    }
+    return table(rows, columns)
+
+
+TABLES = {one.__name__: one for one in (ranks, pairs, sources, explained, needed, tuning)}
+
+
+def write(shown: Shown, declared: Arena, output) -> None:
+    """Compare with the sealed table, write all figures and tables of a scenario, and the sealed table of today."""
+    shown.require_same()
+    figures = import_module(f"marsedl.scenarios.{shown.scenario.name}.figures").FIGURES
+    for stem, png, pdf in zip(declared.figures, output.png, output.pdf, strict=True):
+        save_figure(figures[stem](shown), png, pdf)
+    for stem, csv, md in zip(declared.tables, output.csv, output.md, strict=True):
+        write_table(TABLES[stem](shown), csv, md)
+    write_text(output.sealed, json.dumps(shown.seal(), indent=1) + "\n")
