@@ -49,6 +49,7 @@ class Scenario:
     residents: ClassVar[Mapping[str, Resident]]
     columns: ClassVar[Mapping[str, tuple[str, str]]]  # unit and meaning of every number of `scores`
     box: ClassVar[str]  # what `inside` means, in words
+    correlated: ClassVar[str]  # what is drawn together, in words
     budgeted: ClassVar[tuple[str, ...]]  # quantities whose variance is told apart by its sources
 
     def __init__(self, root: Path, sources: Mapping[str, Source], place: Place, words: str = ""):

@@ -27,6 +27,7 @@ STUDIED, WITH_HISTORY = (
     100,
 )  # trials of the practice pool of which dispersions are told apart, and histories kept
 STUDY = "dispersed"  # condition in which that is
+PREDICTED = "predicted over flown deviation"
 MISSES = ("mean", "p50", "p95", "p99", "p99.9", "tail")
 WORDS = {  # meanings of the columns of misses
     "mean": "mean miss",
@@ -191,10 +192,13 @@ def sources(shown: Shown):
     for law, flights in shown.studied.items():
         for quantity in shown.scenario.budgeted:
             budget = flights.budget(quantity)
-            shares = budget.shares.assign(kind=_kinds(budget.shares)).groupby("kind")["share"].sum()
+            shares = (
+                budget.shares.assign(kind=_kinds(budget.shares, shown.scenario.correlated))
+                .groupby("kind")["share"]
+                .sum()
+            )
             rows += [(law, quantity, kind, 100.0 * share) for kind, share in shares.items()]
-            rows.append((law, quantity, "all", 100.0))
-            rows[-1] = (law, quantity, "predicted over flown deviation", 100.0 * budget.deviation / budget.flown)
+            rows.append((law, quantity, PREDICTED, 100.0 * budget.deviation / budget.flown))
     columns = {
         "law": Column(),
         "quantity": Column(),
@@ -202,17 +206,17 @@ def sources(shown: Shown):
         "share": Column("%", ".1f", "of the variance; of the last row of a law the ratio of the deviations"),
     }
     found = table(rows, columns)
-    moved = found[found["source"] != "predicted over flown deviation"].groupby("source")[found.columns[3]].max()
+    moved = found[found["source"] != PREDICTED].groupby("source")[found.columns[3]].max()
     if dead := [source for source, share in moved.items() if not share > 0.0]:
         raise MarsedlError(f"{shown.scenario.name}: {', '.join(dead)} moves no output of any law: is it plugged in?")
     return found
 
 
-def _kinds(shares):
-    """Kind of each source: of constants and noise of navigation one, of start and vehicle by name."""
-    named = {"senses": "navigation", "navigation": "navigation"}
+def _kinds(shares, correlated):
+    """Kind of each source in words: all of navigation is one, numbers of start and vehicle stand by their names."""
+    words = {"senses": "navigation", "navigation": "navigation", "together": correlated}
     return [
-        named.get(kind, f"{kind}: {source}" if kind in ("start", "vehicle") else source)
+        words.get(kind, source.removeprefix("start_").replace("_", " ") + " at the start" * (kind == "start"))
         for kind, source in zip(shares["kind"], shares["source"], strict=True)
     ]
 
@@ -256,9 +260,7 @@ def tuning(shown: Shown):
     rows = []
     for law, tries in shown.tuned.items():
         for number, one in enumerate(tries):
-            words = (
-                ", ".join(f"{name} {value:.3g}" for name, value in one["numbers"].items()) or "as its authors give it"
-            )
+            written = [f"{name} {value:.3g}" for name, value in one["numbers"].items()]
             words = ", ".join(written) or "as its authors give it"
             rows.append((law, words, one["mean"], one["saturated"], number == 0))
     columns = {

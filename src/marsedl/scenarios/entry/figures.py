@@ -40,14 +40,12 @@ def corridor(shown):
     velocity = np.linspace(520.0, 5400.0, 80)
     nominal = shown.scenario.onboard.nominal
     for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
-        history = flights.to_xarray()
+        stored = flights.to_xarray()
         curves = []
         for trial in range(flights.trials):
-            one = history.isel(trial=trial)
-            fast, high = np.asarray(one["velocity"]), np.asarray(one["altitude"])
-            known = np.isfinite(fast) & np.isfinite(high)
-            order = np.argsort(fast[known])
-            curves.append(np.interp(velocity, fast[known][order], high[known][order]))
+            fast, high = stored["velocity_history"].values[:, trial], stored["altitude_history"].values[:, trial]
+            falling = np.argsort(fast[np.isfinite(fast)])
+            curves.append(np.interp(velocity, fast[np.isfinite(fast)][falling], high[np.isfinite(fast)][falling]))
         low, high = np.quantile(curves, [0.05, 0.95], axis=0) / 1e3
         panel.fill_between(velocity, low, high, color=colors(shown.scores)[law]["color"], alpha=0.35, linewidth=0.0)
         panel.plot(nominal.velocity, nominal.altitude / 1e3, color=BLACK, linewidth=0.8)

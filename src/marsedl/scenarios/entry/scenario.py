@@ -32,12 +32,16 @@ class EntryScenario(Scenario):
 
     name, paper, model, residents = "entry", "stochastic_entry", Inputs, RESIDENTS
     box = "at most 2.5 km from the nominal end, within 2 km of its altitude and 50 m/s of its velocity"
-    budgeted = ("range", "crossrange")
+    correlated, budgeted = "lift and drag coefficients", ("range", "crossrange")
     conditions: ClassVar = {
         "exact": Condition("exact", "start and density dispersed, and both known", _EXACT),
         "dispersed": Condition("dispersed", "all errors; ends at a velocity"),
         "dispersed_time": Condition("dispersed", "all errors; ends at a time", {"truth.trigger": "time"}),
-        "dispersed_range": Condition("dispersed", "all errors; ends at a range", {"truth.trigger": "range"}),
+        "dispersed_range": Condition(
+            "dispersed",
+            "all errors; ends at a range, so that the miss is across alone: compare the box",
+            {"truth.trigger": "range"},
+        ),
         "random_field": Condition(
             "dispersed",
             "all errors, the density a Gaussian random field",
