@@ -93,7 +93,7 @@ class Shown:
     @cached_property
     def studied(self) -> dict[str, Flights]:
         """Flights of every law on the practice pool, which may be asked further questions."""
-        trials = min(STUDIED, self.trials.size)
+        trials = min(STUDIED, 4 * self.trials.size)
         flights = {}
         for name in self.scores:
             campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"])
