@@ -94,7 +94,7 @@ def sources(shown):
     found = TABLES["sources"](shown)
     share = found.columns[3]
     rows = found[(found["quantity"] == shown.scenario.budgeted[0]) & ~found["source"].str.startswith("predicted")]
-    whole = rows.pivot_table(index="law", columns="source", values=share, sort=False).reindex([*shown.scores])
+    whole = rows.pivot_table(index="law", columns="source", values=share, sort=False).reindex([*shown.studied])
     shown_apart = whole.max().sort_values(ascending=False).index[:7]
     figure, axes = new_figure(7.0, 0.35 * len(whole) + 1.6)
     left = np.zeros(len(whole))
