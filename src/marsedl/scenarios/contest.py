@@ -1,6 +1,5 @@
 """A user's law against residents: what `marsedl fly` flies, prints and writes."""
 
-import csv
 import json
 import warnings
 from collections.abc import Callable, Mapping
@@ -58,23 +57,19 @@ def law_digest(scenario: Scenario, law, condition: str) -> str:
 
 
 def looks(path: Path, place: str, law: str, digest: str) -> tuple[int, int]:
-    """Count a look at the sealed pool in a file; returns how many this law and all laws have had there.
+    """Count a look at the sealed pool in a file, a line each; returns how many this law and all laws have had there.
 
     Args:
         path: CSV file. place: scenario and condition. law: its name. digest: of the law, by which it is known again.
     """
-    rows = []
-    if path.exists():
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [*csv.DictReader(file)]
-    mine = [row for row in rows if (row["place"], row["digest"]) == (place, digest)]
-    if not mine:
-        mine = [{"place": place, "digest": digest, "law": law, "looks": 0}]
-        rows += mine
-    mine[0]["looks"] = int(mine[0]["looks"]) + 1
-    lines = [",".join(str(row[name]) for name in mine[0]) for row in rows]
-    write_text(path, "\n".join([",".join(mine[0]), *lines]) + "\n")
-    return mine[0]["looks"], sum(int(row["looks"]) for row in rows if row["place"] == place)
+    import pandas as pd
+
+    columns = ["place", "law", "digest"]
+    known = pd.read_csv(path, dtype=str) if path.exists() else pd.DataFrame(columns=columns)
+    known.loc[len(known)] = place, law, digest
+    write_text(path, known.to_csv(index=False, lineterminator="\n"))
+    there = known[known["place"] == place]
+    return int((there["digest"] == digest).sum()), len(there)
 
 
 @dataclass

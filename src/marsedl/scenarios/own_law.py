@@ -24,11 +24,9 @@ from marsedl.fly.laws import GainTable
 from marsedl.models.density_table import read_table
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.scenarios.scenario import Resident
-from marsedl.words import described, remedy
+from marsedl.words import described, remedy, require
 
 __all__ = ["own_law", "told_in_a_sentence"]
-
-NAMES = ("guide", "prepare", "Parameters", "Memory", "TUNED")
 
 
 def own_law(path: Path) -> Resident:
@@ -42,87 +40,75 @@ def own_law(path: Path) -> Resident:
             or whose parts do not fit together.
     """
     path = Path(path).absolute()
-    _require(path.is_file() and path.suffix in (".py", ".csv"), f"{path}: there is no such law, a .py or .csv file")
-    if path.suffix == ".csv":
-        table = _table(path)
-        return Resident(f"gain table against {table.against}", lambda onboard: table)
     with told_in_a_sentence(path):
-        module = _module(path)
-    guide, prepare, parameters = (getattr(module, name, None) for name in ("guide", "prepare", "Parameters"))
-    defined = [name for name, value in vars(module).items() if inspect.isfunction(value)]
-    _require(
+        require(path.is_file() and path.suffix in (".py", ".csv"), f"{path}: there is no such law, a .py or .csv file")
+        return _of_table(path) if path.suffix == ".csv" else _of_module(path, _module(path))
+
+
+def _of_table(path):
+    """The gain table of a CSV file, against its first column."""
+    header, _, _ = read_table(str(path), "gain table")
+    table = GainTable(path, header[0] if header else "velocity")
+    return Resident(f"gain table against {table.against}", lambda onboard: table)
+
+
+def _of_module(path, module):
+    """The law of a module, whose parts are checked."""
+    guide, prepare, kind = (getattr(module, name, None) for name in ("guide", "prepare", "Parameters"))
+    others = ", ".join(name for name, value in vars(module).items() if inspect.isfunction(value))
+    require(
         inspect.isfunction(guide),
         f"{path}: there is no function 'guide', the law; write one, such as 'def guide(velocity, range):'"
-        + (f", or rename one of {', '.join(defined)}" if defined else ""),
+        + (f", or rename one of {others}" if others else ""),
     )
-    _require(
-        parameters is None or hasattr(parameters, "_fields"),
+    require(
+        kind is None or hasattr(kind, "_fields"),
         f"{path}: Parameters is no NamedTuple; write 'class Parameters(NamedTuple):'",
     )
-    _require(
-        prepare is None or parameters is not None,
+    require(
+        prepare is None or kind is not None,
         f"{path}: prepare returns what the law asks for as 'law': define 'class Parameters(NamedTuple):' for it",
     )
-    _require(
-        parameters is None or "law" in inspect.signature(guide).parameters,
+    require(
+        kind is None or "law" in inspect.signature(guide).parameters,
         f"{path}: guide does not ask for 'law', so that it never sees its Parameters: add the argument",
     )
-    missing = [] if parameters is None else [f for f in parameters._fields if f not in parameters._field_defaults]
-    _require(
+    fields = getattr(kind, "_fields", ())
+    missing = [name for name in fields if name not in kind._field_defaults]
+    require(
         prepare or not missing,
         f"{path}: Parameters has no {', '.join(missing)}: give a default, or write 'def prepare(onboard):'",
     )
-    words = (module.__doc__ or f"the law of {path.name}").strip().splitlines()[0].removesuffix(".")
-    return Resident(words, partial(_designed, path, module), _tuned(path, module))
-
-
-def _designed(path, module, onboard, **tuned):
-    """The law of a module, its parameters prepared from the onboard model."""
-    prepare, kind = getattr(module, "prepare", None), getattr(module, "Parameters", None)
-    if kind is None:
-        return module.guide
-    asked = _asked(prepare)
-    with told_in_a_sentence(path), _beside(path.parent):
-        own = {name: value for name, value in tuned.items() if name in asked}
-        parameters = prepare(onboard, **own) if prepare else kind()
-    _require(
-        isinstance(parameters, kind),
-        f"{described(prepare or kind)} returned {type(parameters).__name__}; return Parameters(...)",
-    )
-    return partial(module.guide, law=parameters._replace(**{k: v for k, v in tuned.items() if k not in asked}))
-
-
-def _asked(prepare):
-    """Names of what a function `prepare`, if there is one, asks for beside the onboard model."""
-    return [*inspect.signature(prepare).parameters][1:] if prepare else []
-
-
-def _tuned(path, module):
-    """What a module says is tuned, checked."""
+    asked = [*inspect.signature(prepare).parameters][1:] if prepare else []
     tuned = getattr(module, "TUNED", {})
+    _check_tuned(path, tuned, [*asked, *fields])
+    words = (module.__doc__ or f"the law of {path.name}").strip().splitlines()[0].removesuffix(".")
+    return Resident(words, partial(_designed, path, module, asked) if kind else lambda onboard: guide, tuned)
+
+
+def _check_tuned(path, tuned, known):
     example = 'such as TUNED = {"gain": (0.1, 10.0)}'
-    _require(isinstance(tuned, Mapping) and len(tuned) <= 4, f"{path}: TUNED names at most four numbers, {example}")
-    known = [*_asked(getattr(module, "prepare", None)), *getattr(getattr(module, "Parameters", None), "_fields", ())]
+    require(isinstance(tuned, Mapping) and len(tuned) <= 4, f"{path}: TUNED names at most four numbers, {example}")
     for name, bounds in tuned.items():
-        _require(name in known, f"{path}: TUNED names {name!r}, which is no parameter; {remedy(name, known)}")
+        require(name in known, f"{path}: TUNED names {name!r}, which is no parameter; {remedy(name, known)}")
         good = isinstance(bounds, tuple) and len(bounds) == 2 and all(map(is_number, bounds))
-        _require(
+        require(
             good and 0.0 < bounds[0] < bounds[1],
             f"{path}: TUNED of {name!r} is {bounds!r}; give the least and the largest value, both positive, {example}",
         )
-    return tuned
 
 
-def _table(path):
-    """The gain table of a CSV file, against its first column."""
-    with told_in_a_sentence(path):
-        header, _, _ = read_table(str(path), "gain table")
-        return GainTable(path, header[0] if header else "velocity")
-
-
-def _require(condition, sentence):
-    if not condition:
-        raise InputError(sentence)
+def _designed(path, module, asked, onboard, **tuned):
+    """The law of a module with its parameters; asked: what `prepare` asks for beside the onboard model."""
+    prepare, kind = getattr(module, "prepare", None), module.Parameters
+    with told_in_a_sentence(path), _beside(path.parent):
+        own = {name: value for name, value in tuned.items() if name in asked}
+        parameters = prepare(onboard, **own) if prepare else kind()
+        require(
+            isinstance(parameters, kind),
+            f"{described(prepare)} returned {type(parameters).__name__}; return Parameters(...)",
+        )
+        return partial(module.guide, law=parameters._replace(**{n: v for n, v in tuned.items() if n not in asked}))
 
 
 @contextmanager
