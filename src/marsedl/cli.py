@@ -24,7 +24,15 @@ from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import printable
 
 ARENA = Path("build/arena")  # what `marsedl fly` writes
-TARGETS = ("all", "papers", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
+TARGETS = (
+    "all",
+    "papers",
+    "claims",
+    "comparison",
+    "arena",
+    "report",
+    "verify",
+)  # of the workflow, beside one for every paper
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -165,8 +173,10 @@ class Project:
         """All products with what they are made from."""
         from marsedl.comparison import comparisons
         from marsedl.replication.pipeline.products import Products
+        from marsedl.scenarios import arenas
 
-        return Products(self.root, {s: catalogue(s) for s in SLUGS}, self.studies, comparisons(), self.size)
+        papers = {s: catalogue(s) for s in SLUGS}
+        return Products(self.root, papers, self.studies, comparisons(), self.size, arenas())
 
     def check(self, products: list[str], command: str = "") -> None:
         """Raise StaleError, which names the command to run, if products of this size are not up to date."""

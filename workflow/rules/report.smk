@@ -5,6 +5,7 @@ rule report:
     input:
         shown=[PRODUCTS.shown(paper) for paper in PAPERS],
         compared=PRODUCTS.compared(),
+        fought=PRODUCTS.fought(),
         artifacts=artifacts_of("report/index.html"),
         claims="report/claims.json",
         universes=expand("report/universes/{paper}.json", paper=PAPERS),
@@ -17,6 +18,7 @@ rule report:
                 {
                     **{s: [*PAPERS[s].figures, HEADLINE, *UNIVERSE_PICTURES[s]] for s in PAPERS},
                     "comparison": COMPARISONS,
+                    "arena": [f"{name}/{stem}" for name, arena in ARENAS.items() for stem in arena.figures],
                 }
             )
         ],

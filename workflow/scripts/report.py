@@ -9,6 +9,7 @@ from marsedl.replication.pipeline.jobs import guarded
 from marsedl.replication.report import assembly
 from marsedl.replication.report.pages import build_site
 from marsedl.replication.universes.deciding import Decided
+from marsedl.scenarios import arenas
 
 with guarded(snakemake) as job:
     claims, papers = read_claims(snakemake.input.claims), []
@@ -16,4 +17,4 @@ with guarded(snakemake) as job:
         given = catalogue(slug), input_model(slug), readings, claims, snakemake.params.artifacts[slug]
         papers.append(assembly.paper_report(*given, read_as(Decided, path)))
     folder, citation = Path(snakemake.output[0]).parent, Path(snakemake.params.project).resolve() / "CITATION.cff"
-    build_site(folder, papers, job.params["size"], citation, comparisons())
+    build_site(folder, papers, job.params["size"], citation, comparisons(), arenas())

@@ -105,9 +105,16 @@ def sources_of(campaign, in_python=False) -> list[Source]:
         ("navigation", NAVIGATION): (-(-steps // calm.substeps), flight.options["draws"]._fields, ""),
         ("noise", NOISE): (steps, flight.options["noise"]._fields, "noise_"),
     }
+    still = {
+        f"{name}_{part}"
+        for (name, kind), numbers in zip(senses.kinds, senses.numbers, strict=True)
+        for part, deviation in zip(("walk", "noise"), numbers, strict=False)
+        if kind == "error" and deviation == 0.0
+    }
     for (kind, stream), (times, names, prefix) in drawn.items():
         for number, (_, name) in enumerate(product(range(int(times)), names)):
-            sources.append(Source(kind, prefix + name, stream, number, False))
+            if kind != "navigation" or name not in still:
+                sources.append(Source(kind, prefix + name, stream, number, False))
     require(sources, "nothing is dispersed in these flights: a budget takes Normal(...), Uniform, Markov air or noise")
     return sources
 

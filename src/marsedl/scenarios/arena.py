@@ -49,7 +49,7 @@ def flown(scenario: Scenario, law, condition: str, seed: int, first: int, count:
     """
     campaign = scenario.campaign(law, condition, seed)
     options = how.get("processes", 1), how.get("progress", False), how.get("compiled", True)
-    numbers, outcome, _ = campaign.fly_all(first, count, *options)
+    numbers, outcome, _ = campaign.fly_all(first, first + count, *options)
     named = scenario.scores(Flights(campaign, numbers, outcome, None, options), condition)
     return Scores((*named,), np.array([*named.values()]), outcome)
 

@@ -63,7 +63,7 @@ def footprint(shown, across, along, radius, unit="km", factor=1e3, condition="di
     for panel, (law, one) in zip(panels, scores.items(), strict=True):
         panel.plot(one[across[0]] / factor, one[along[0]] / factor, ".", markersize=1.5, color=style[law]["color"])
         panel.plot(radius / factor * np.cos(turn), radius / factor * np.sin(turn), color=BLACK, linewidth=0.8)
-        panel.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        panel.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1)
         panel.set_title(f"{words(law)}: {100.0 * one['inside'].mean():.0f} %", fontsize=8)
     figure.supxlabel(f"{across[1]} ({unit})", fontsize=9)
     figure.supylabel(f"{along[1]} ({unit})", fontsize=9)
@@ -94,7 +94,7 @@ def sources(shown):
     found = TABLES["sources"](shown)
     share = found.columns[3]
     rows = found[(found["quantity"] == shown.scenario.budgeted[0]) & ~found["source"].str.startswith("predicted")]
-    whole = rows.pivot_table(index="law", columns="source", values=share, sort=False).reindex([*shown.scores])
+    whole = rows.pivot_table(index="law", columns="source", values=share, sort=False).reindex([*shown.studied])
     shown_apart = whole.max().sort_values(ascending=False).index[:7]
     figure, axes = new_figure(7.0, 0.35 * len(whole) + 1.6)
     left = np.zeros(len(whole))

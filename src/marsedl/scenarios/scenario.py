@@ -108,6 +108,10 @@ class Scenario:
         """
         raise NotImplementedError
 
+    def efforts(self, flights) -> dict[str, tuple[np.ndarray, str, str]]:
+        """What histories tell of every flight: values (trials,), unit and meaning by name."""
+        raise NotImplementedError
+
     def campaign(self, law, condition: str, seed: int, history: float | None = None) -> Campaign:
         """The flights of a law in a condition, of which any trials may be flown; history: seconds between states."""
         options = {"history": history, "period": 1.0, "substeps": 4, "trigger": None} | self.flight(condition)

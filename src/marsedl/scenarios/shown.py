@@ -90,12 +90,17 @@ class Shown:
         """A law as it was tuned."""
         return self.scenario.law(name, **self.tuned[name][0]["numbers"])
 
+    @property
+    def _looked_into(self):
+        """Laws that are looked into: one where few trials show no more than that all works."""
+        return [*self.scores][: None if self.trials.size >= BLOCK else 1]
+
     @cached_property
     def studied(self) -> dict[str, Flights]:
         """Flights of every law on the practice pool, which may be asked further questions."""
-        trials = min(STUDIED, self.trials.size)
+        trials = min(STUDIED, 4 * self.trials.size)
         flights = {}
-        for name in self.scores:
+        for name in self._looked_into:
             campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"])
             flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
         return flights
@@ -104,7 +109,7 @@ class Shown:
     def histories(self) -> dict[str, Flights]:
         """Flights of every law with a state every two guidance periods."""
         flights = {}
-        for name in self.scores:
+        for name in self._looked_into:
             options = {"period": 1.0} | self.scenario.flight(STUDY)
             campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], 2.0 * options["period"])
             trials = min(WITH_HISTORY, self.trials.size)
@@ -239,6 +244,26 @@ def explained(shown: Shown):
     return table(rows, columns)
 
 
+def efforts(shown: Shown):
+    """What flights cost, from histories."""
+    rows = []
+    for law, flights in shown.histories.items():
+        for name, (values, unit, meaning) in shown.scenario.efforts(flights).items():
+            counted = values[np.isfinite(values)]
+            words = f"{meaning} ({unit})" if unit else meaning
+            rows.append((law, name, words, *np.quantile(counted, [0.5, 0.99]), counted.max(), counted.size))
+    columns = {
+        "law": Column(),
+        "number": Column(),
+        "what": Column(meaning="what it is, with its unit"),
+        "median": Column("", ".4g"),
+        "p99": Column("", ".4g", "exceeded by 1 %"),
+        "largest": Column("", ".4g"),
+        "trials": Column(),
+    }
+    return table(rows, columns)
+
+
 def needed(shown: Shown):
     """Trials that an interval of a tenth to each side takes."""
     rows = []
@@ -273,7 +298,7 @@ def tuning(shown: Shown):
     return table(rows, columns)
 
 
-TABLES = {one.__name__: one for one in (ranks, pairs, sources, explained, needed, tuning)}
+TABLES = {one.__name__: one for one in (ranks, pairs, efforts, sources, explained, needed, tuning)}
 
 
 def write(shown: Shown, declared: Arena, output) -> None:

@@ -99,7 +99,7 @@ class Products:
     def all(self) -> list[str]:
         """Return what `snakemake all` makes, but for what these are made from."""
         shown = [path for slug in self.papers for path in self.shown(slug)]
-        return ["report/index.html", "report/claims.json", *shown, *self.fought()]
+        return ["report/index.html", "report/claims.json", *shown]
 
     # --- jobs
 
@@ -369,11 +369,12 @@ class Products:
         of_papers = [need for paper in self.papers for need in self.shown(paper) + self.cache(paper)]
         # Claims are not judged again where named readings alone are lost, so these are asked for themselves.
         of_papers += [f"report/{kind}/{paper}.json" for kind in ("universes", "points") for paper in self.papers]
-        packages = [*(f"papers/{slug}" for slug in self.papers), "comparison"]
+        together = [*self.compared(), *self.fought()]
+        packages = [*(f"papers/{slug}" for slug in self.papers), "comparison", *["scenarios"] * bool(self.arenas)]
         templates = sorted(f"{_TEMPLATES}/{path.name}" for path in (self.root / _TEMPLATES).glob("*.*"))
         files = ["CITATION.cff", *(f"src/marsedl/{package}/{TEXTS}" for package in packages), *templates]
         return self._scripted(
-            *("report/index", [*of_papers, *self.compared(), "report/claims.json"], "report.py"),
+            *("report/index", [*of_papers, *together, "report/claims.json"], "report.py"),
             size=self.size,
             readings={paper: self._described(paper) for paper in self.papers},
             files=self._files(files),

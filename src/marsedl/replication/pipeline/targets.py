@@ -39,7 +39,7 @@ def check_targets(command: list[str], rules: Collection[str], products: Products
         if path in rules or path in files or "/chunks/" in path:
             continue
         if "/" not in word:
-            names = ["all", "papers", "claims", "report", *products.papers]
+            names = ["all", "papers", "claims", "arena", "report", *products.papers]
             raise InputError(f"there is no target '{word}'; {nearest(word, names)}")
         if path.startswith(_PRODUCTS):
             near = difflib.get_close_matches(path, files, n=1, cutoff=0.8)
@@ -49,7 +49,7 @@ def check_targets(command: list[str], rules: Collection[str], products: Products
 
 def _files(products: Products) -> set[str]:
     """The figures, tables and artifacts of all papers and readings, also of those that `all` leaves out."""
-    files = {*products.compared()}
+    files = {*products.compared(), *products.fought()}
     for slug, paper in products.papers.items():
         files |= {f"report/claims/{slug}.json", *products.shown(slug)}
         stages = [stage for stage in paper.stages if stage != FLIGHTS]

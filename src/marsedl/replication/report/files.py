@@ -5,18 +5,20 @@ from collections.abc import Iterable, Mapping
 ASSETS = ("site.css", "site.js", "explorer.js", "minisearch.js")
 SEARCH_DATA, EXPLORED = "assets/search-data.js", "assets/universes-{}.js"
 COMPARISON = "comparison"  # the page of all papers together, and its folder
-OTHER_PAGES = ("index", COMPARISON, "about")
+ARENA = "arena"  # the page of guidance laws beside each other, and its folder
+APART = (COMPARISON, ARENA)  # pages of no paper
+OTHER_PAGES = ("index", *APART, "about")
 PROVENANCE, ZIP = "provenance.csv", "report.zip"
 HEADLINE = "headline"  # the picture of what is printed and what is found on one axis, of a paper's headline claims
 
 
 def site_files(figures: Mapping[str, Iterable[str]]) -> list[str]:
-    """Return the files of a report, from the names of the figures of each paper by slug, and of the comparison."""
+    """Return the files of a report, from the names of figures by slug, or by the name of a page of no paper."""
     return [
         *(f"{page}.html" for page in dict.fromkeys([*OTHER_PAGES, *figures])),
-        *(f"{slug}_evidence.html" for slug in figures if slug != COMPARISON),
+        *(f"{slug}_evidence.html" for slug in figures if slug not in APART),
         *(f"assets/{name}" for name in ASSETS),
-        *(EXPLORED.format(slug) for slug in figures if slug != COMPARISON),
+        *(EXPLORED.format(slug) for slug in figures if slug not in APART),
         *(SEARCH_DATA, PROVENANCE),
         *(f"pictures/{slug}/{name}.png" for slug, names in figures.items() for name in names),
         ZIP,

@@ -19,7 +19,7 @@ from marsedl.replication.claims.rows import format_result, unexplained
 from marsedl.replication.inputs import CORRECTED
 from marsedl.replication.inputs.choices import in_words
 from marsedl.replication.inputs.yaml_file import read_yaml
-from marsedl.replication.pipeline.catalogue import Paper, Product
+from marsedl.replication.pipeline.catalogue import Arena, Paper, Product
 from marsedl.replication.pipeline.libraries import library_versions
 from marsedl.replication.records.tables import read_markdown
 from marsedl.replication.report import files, one_line
@@ -40,22 +40,26 @@ def build_site(
     size: str,
     citation: Path,
     comparisons: Mapping[str, Any],
+    arenas: Mapping[str, Arena] = {},
     figures: Path = Path("figures"),
 ) -> None:
     """Write the report on all papers as pages, pictures and a zip of them: the files of `site_files`.
 
     `size` is that of the build; `citation` is the file CITATION.cff; `comparisons` are by name, with the captions
-    `figure` and `table`; `figures` is the folder of figures and tables, with one for each paper and the comparisons.
+    `figure` and `table`; `arenas` are the scenarios in which laws are compared; `figures` is the folder of figures and
+    tables, with one for each paper, the comparisons and the arena.
 
     Raises ArtifactError if a figure cannot be read.
     """
     drawn, tabled = ({n: Product(getattr(c, kind)) for n, c in comparisons.items()} for kind in ("figure", "table"))
     compared = Paper(files.COMPARISON, "", "", "", figures=drawn, tables=tabled)
     together = _paper(PaperReport(compared, [], {}), figures) | {"name": "all papers"}
+    fought = _paper(PaperReport(_of_arenas(arenas), [], {}), figures) | {"name": "arena", "arenas": arenas}
     entries, every = [_paper(report, figures) for report in papers], [row for one in papers for row in one.claims]
     shared = {
         "entries": entries,
         "together": together,
+        "fought": fought,
         "counts": counted(every),
         "unexplained": [(report.catalogue.slug, name) for report in papers for name in unexplained(report.claims)],
         "size": size,
@@ -77,14 +81,23 @@ def build_site(
         for one in papers
     }
     written[files.PROVENANCE] = _provenance(papers)
-    written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together]))};\n".encode()
-    for entry in (*entries, together):
+    written[files.SEARCH_DATA] = f"const SEARCHED = {_json(_searched([*entries, together, fought]))};\n".encode()
+    for entry in (*entries, together, fought):
         pictures = (*entry["figures"].values(), *entry["universes"], entry["picture"])
         written |= {f"pictures/{one.place}.png": one.content.content for one in pictures if one}
     written[files.ZIP] = _zipped(written)
     for name, content in written.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
+
+
+def _of_arenas(arenas: Mapping[str, Arena]) -> Paper:
+    """All figures and tables of the arena, by the name of the scenario and their own."""
+    drawn, tabled = (
+        {f"{name}/{stem}": Product(said) for name, one in arenas.items() for stem, said in getattr(one, kind).items()}
+        for kind in ("figures", "tables")
+    )
+    return Paper(files.ARENA, "", "", "", figures=drawn, tables=tabled)
 
 
 def _templates() -> Any:
@@ -118,6 +131,7 @@ def _templates() -> Any:
         "said": _said,
         "components": _components,
         "title": _title,
+        "prefixed": lambda stem, name: f"{name}/{stem}",
         "count": plural,
         "rich": lambda text: Markup(with_formulas(str(text))),
         "plain": without_markup,
@@ -165,7 +179,7 @@ def figure_label(name: str) -> str:
     numbered = re.fullmatch(r"(fig|tab)0*(\d+[a-z]?)", name)
     if numbered:
         return f"{'Fig.' if numbered[1] == 'fig' else 'Table'} {numbered[2]}"
-    return capital(name.replace("_", " "))
+    return capital(name.replace("_", " ").replace("/", ": "))
 
 
 class Shown(NamedTuple):
@@ -204,7 +218,7 @@ def _paper(report: PaperReport, root: Path) -> dict[str, Any]:
     tables = _shown(paper.tables, folder, read_markdown, ".md", "table-")
     caption = "What is printed and what we find, of every headline claim. Statements are drawn over their limits."
     of_universes = files.universe_pictures(_said(row).rstrip(".") for row in headline) if decided else {}
-    of_headline = {files.HEADLINE: Product(caption)} if paper.slug != files.COMPARISON else {}
+    of_headline = {files.HEADLINE: Product(caption)} if paper.slug not in files.APART else {}
     first = {"short", *(one.anchor for one in (*figures.values(), *tables.values()) if not one.product.beyond)}
     return {
         "report": report,

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from marsedl.models.heating import sutton_graves_heat_rate
 from marsedl.scenarios.entry import truth
 from marsedl.scenarios.entry.inputs import Inputs
 from marsedl.scenarios.entry.onboard import Onboard, entry_of
@@ -13,6 +14,7 @@ from marsedl.scenarios.scenario import Condition, Scenario
 
 __all__ = ["SCENARIO", "EntryScenario"]
 
+SUTTON_GRAVES = 1.9027e-4  # kg^(1/2)/m, of the atmosphere of Mars
 _EXACT = {
     "truth.vehicle_errors": 0.0,
     "truth.mass_deviation": 0.0,
@@ -113,6 +115,22 @@ class EntryScenario(Scenario):
         inside &= np.abs(named["velocity_error"]) <= box.velocity_half_width
         lost = {name: np.where(counted, values, np.nan) for name, values in named.items()}
         return {name: lost[name] for name in self.columns if name in lost} | {"inside": (inside & counted) * 1.0}
+
+    def efforts(self, flights):
+        """Bank reversals, the way of the bank angle, and the heat of the nose by the law of Sutton and Graves."""
+        stored = flights.to_xarray()
+        bank, density, velocity = (stored[f"{name}_history"].values for name in ("bank", "density", "velocity"))
+        heat = sutton_graves_heat_rate(density, velocity, 0.25 * self.given.vehicle.reference_diameter, SUTTON_GRAVES)
+        turned = np.sign(bank[1:]) * np.sign(bank[:-1]) < 0.0
+        return {
+            "reversals": (turned.sum(axis=0), "", "changes of the bank angle's sign"),
+            "bank_moved": (
+                np.rad2deg(np.nansum(np.abs(np.diff(bank, axis=0)), axis=0)),
+                "deg",
+                "way of the bank angle",
+            ),
+            "peak_heat": (np.nanmax(heat, axis=0) / 1e4, "W/cm^2", "heat rate of a nose of a quarter of the diameter"),
+        }
 
 
 SCENARIO = EntryScenario
