@@ -23,6 +23,7 @@ from marsedl.replication.pipeline.fingerprints import fingerprints_of
 from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import printable
 
+ARENA = Path("build/arena")  # what `marsedl fly` writes
 TARGETS = (
     "all",
     "papers",
@@ -115,6 +116,20 @@ def command_line() -> argparse.ArgumentParser:
     add("new-paper", "--title", default="Title to be given", help="the paper's title")
     add("new-paper", "--authors", default="Authors to be named", help="the paper's authors, in one line")
     add("new-paper", "--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
+    add("fly", "law", nargs="?", type=Path, help="a Python file or a gain table (default: residents alone)")
+    what = "a scenario, or a file of yours that is based_on one (default: %(default)s)"
+    add("fly new-law", "--scenario", metavar="NAME", default="entry", help=what)
+    what = "in what it flies, such as exact or thick_air (default: %(default)s)"
+    add("fly", "--condition", metavar="NAME", default="dispersed", help=what)
+    add("fly", "--trials", type=int, metavar="N", default=2000, help="of each law (default: %(default)s)")
+    what = "residents, separated by commas; empty for none (default: all)"
+    add("fly", "--against", metavar="NAMES", help=what)
+    what = "tune what the law names as TUNED, by so many flights of a pool of their own"
+    add("fly", "--tune", type=int, metavar="N", default=0, help=what)
+    what = "fly the sealed pool, a look that is counted, and a fresh one, in place of the pool for practice"
+    add("fly", "--proof", action="store_true", help=what)
+    add("fly", "-o", "--output", metavar="FOLDER", type=Path, help="default: build/arena/LAW")
+    add("new-law", "name", help="its name, such as my_law")
     size = f"use the build of this size, such as smoke (default: {FULL})"
     add("list explain trial compare", "--size", metavar="NAME", help=size)
     add("verify accept", "--size", metavar="NAME", help=f"with --reference: {size}")
@@ -459,6 +474,45 @@ def _new_paper(options) -> None:
     _say(f"\n{next_steps(options.slug)}")
 
 
+def _fly(options) -> None:
+    """Fly a law of yours against those that live here, in the same trials, and rank them.
+
+    Without a law the residents fly alone. The law is a Python file, as 'marsedl new-law' writes one, or a gain table
+    (CSV). Tables, trials and a figure go to a folder.
+    """
+    root = project_root()
+    numerics.pin_numerics(root)
+    from marsedl.scenarios.contest import Contest, scenario_of
+    from marsedl.scenarios.scenario import POOLS
+
+    if options.trials < 2 or options.tune < 0:
+        raise InputError(f"--trials {options.trials}, --tune {options.tune}: give at least 2 trials, and flights")
+    contest = Contest(scenario_of(root, options.scenario), options.condition, _say)
+    if options.law:
+        contest.enter(options.law, options.tune)
+    contest.against(None if options.against is None else [*filter(None, options.against.split(","))])
+    if not contest.laws:
+        raise InputError(f"no law can fly here: {contest.refused}")
+    folder, trials = options.output or ARENA / contest.name, options.trials
+    tables = {"practice": ("the pool for practice", POOLS["practice"])}
+    if options.proof:
+        words, fresh = contest.proof(ARENA / "looks.csv")
+        tables = {"proof": (words, POOLS["proof"])}
+        tables |= {"fresh": ("a pool of this law's own", fresh)} if options.law else {}
+    for stem, (words, seed) in tables.items():
+        title = f"{contest.place}, {options.condition}: {trials:,} trials of {words}"
+        contest.told(title, contest.fly(seed, trials), folder, stem)
+    _say("", f"inside: {contest.scenario.box}", f"wrote {folder}")
+
+
+def _new_law(options) -> None:
+    """Write a small guidance law that lands, as the start of one's own."""
+    from marsedl.scenarios.contest import new_law
+
+    path = new_law(options.name, options.scenario, Path())
+    _say(f"wrote {path}", f"fly it: marsedl fly {path} --scenario {options.scenario}")
+
+
 COMMANDS = {
     "list": _list,
     "explain": _explain,
@@ -471,6 +525,8 @@ COMMANDS = {
     "accept": _accept,
     "readme": _readme,
     "new-paper": _new_paper,
+    "fly": _fly,
+    "new-law": _new_law,
 }
 
 if __name__ == "__main__":
