@@ -68,7 +68,8 @@ def arena(build: str | Path | None = None) -> pd.DataFrame:
     """Return what came out of guidance laws beside each other, in one long table.
 
     Columns: scenario, condition, tier, law, number (mean, p99, inside, median_end_time and others), unit, value, lower,
-    upper (of its 95 % interval; NaN where it has none), trials, best_place and worst_place of the law.
+    upper (of its 95 % interval; NaN where it has none), trials, best_place and worst_place of the law by the mean
+    miss, and the same with _in_box.
 
     Raises InputError if no scenario is built.
     """
@@ -77,7 +78,8 @@ def arena(build: str | Path | None = None) -> pd.DataFrame:
     built = {name: pd.read_csv(path) for name, path in files.items() if path.exists()}
     if not built:
         raise InputError(f"{found.folder}/figures/arena holds no tables; run 'snakemake arena'")
-    of_law = ["condition", "tier", "law", "trials", "best_place", "worst_place"]
+    places = [f"{which}_place{what}" for what in ("", "_in_box") for which in ("best", "worst")]
+    of_law = ["condition", "tier", "law", "trials", *places]
     rows = []
     for scenario, table in built.items():
         plain = {column: column.partition(" (")[0] for column in table}

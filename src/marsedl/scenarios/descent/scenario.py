@@ -67,8 +67,17 @@ class DescentScenario(Scenario):
         "end_time": ("s", "time of the touchdown"),
         "inside": ("1", "whether it landed within the box, slowly and upright"),
     }
-    correlated, budgeted = "position and velocity at the start", ("downrange", "vertical_velocity")
+    digits, correlated, budgeted = (
+        ".2f",
+        "position and velocity at the start",
+        ("downrange", "crossrange", "vertical_velocity"),
+    )
     box = "near the target, slowly in both directions, and upright"
+
+    @property
+    def largest_miss(self):
+        """That of the box."""
+        return self.given.box.miss
 
     @cached_property
     def onboard(self) -> Onboard:
