@@ -30,7 +30,7 @@ class Predicting(NamedTuple):
     """Parameters: what guidance believes in, SI."""
 
     settings: flight.Settings
-    table: flight.Law  # that is flown until the least drag is felt
+    table: flight.Law  # by which `flight.phase` tells the heading alignment; it is not flown
     log_density: np.ndarray  # (nodes,), of kg/m^3, mean, on the settings' nodes
     log_step: np.ndarray  # (nodes,), its rise to the next node
     drag_factor: float  # A C_D / (2 m), m^2/kg
