@@ -37,7 +37,7 @@ from marsedl.methods.covariance_steering.steering_program import (
     Percentile,
     SteeringProgram,
     margins,
-    stacked,
+    present_gains,
 )
 from marsedl.methods.lincov import propagate
 from marsedl.methods.linear_system import LinearSystem
@@ -521,7 +521,7 @@ def _solved(task, iterations, tolerance):
         )
     command = run.control[-1]
     states, system = _flight(task, command)
-    gain = _gains(last) * command_unit[:, None] / state_unit
+    gain = present_gains(last.program.system, last.solution) * command_unit[:, None] / state_unit
     predicted = propagate(system, gain, task.start[1])
     effort = _efforts(task, command, predicted.control_covariance)
     log = [
@@ -678,24 +678,6 @@ def _normals(mean, covariance):
     points = ndtri(Sobol(len(mean), rng=np.random.default_rng(0)).random_base2(NORMALS)).T
     values, vectors = np.linalg.eigh(covariance)
     return mean[:, None] + vectors * np.sqrt(np.maximum(values, 0.0)) @ points
-
-
-def _gains(design):
-    """Gains on the present state, K_k = Cov(u_k, x_k) P_k^-1, of a law of all past states, in units, (N, m, n)."""
-    system, law = design.program.system, design.solution
-    intervals, n, m = system.control.shape
-    blocks = stacked(system)
-    history = law.gain.transpose(0, 2, 1, 3).reshape(intervals * m, -1)
-    response = np.linalg.inv(np.eye((intervals + 1) * n) - blocks.control @ history)
-    initial, disturbed = response @ blocks.transition, response @ blocks.disturbance
-    covariance = initial @ system.initial_covariance @ initial.T
-    covariance += disturbed @ system.disturbance_covariance @ disturbed.T
-    cross = (history @ covariance).reshape(intervals, m, intervals + 1, n)
-    gains = []
-    for k in range(intervals):
-        deviation, scaled = correlations("covariance", law.covariance[k])
-        gains.append(cross[k, :, k] / deviation @ np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) / deviation)
-    return np.array(gains)
 
 
 def _unmet(task, design):
