@@ -403,8 +403,12 @@ def test_a_lander_without_propellant_has_no_thrust_and_is_an_outcome(dry_mass):
     with pytest.warns(UserWarning, match=r"3 of 3 flights: out of propellant; replay\(0\)"):
         flown = fly(lander, start, law=(0.0, 9e3), end_time=400.0, substeps=10, trials=3)
     assert flown.outcomes() == {"out of propellant": 3}
-    one_step = 9e3 / (220.0 * 9.80665) * 0.1
-    assert (flown.final["mass"] <= dry_mass).all() and (flown.final["mass"] > dry_mass - 1.001 * one_step).all()
+    np.testing.assert_allclose(flown.final["mass"], dry_mass, rtol=1e-9, atol=2e-9)
+    if dry_mass:  # Tsiolkovsky's equation
+        speed = 220.0 * 9.80665 * np.log(900.0 / dry_mass) - 3.71 * 400.0 - 10.0
+        np.testing.assert_allclose(flown.final["vertical_velocity"], speed, rtol=1e-10)
+        assert flown.replay(0).history["mass"].min() >= dry_mass * (1.0 - 1e-9)
+        assert flown.replay(0, in_python=True).final == flown.replay(0).final
     with (
         pytest.raises(ValueError, match="start 'mass' is 600; it must be at least 700")
         if dry_mass

@@ -369,7 +369,9 @@ class Lander:
     Start: downrange, altitude (m), downrange_velocity, vertical_velocity (m/s) and mass (kg), of which laws are told.
     The command, thrust_downrange and thrust_vertical (N), is scaled to the limits of its magnitude. One of zero
     gives no thrust, whatever the smallest thrust is, as it has no direction. Flights that burn all of their propellant
-    go on without thrust, are called "out of propellant" and count in no statistics.
+    go on without thrust, are called "out of propellant" and count in no statistics. In the integration step in which it
+    runs out, the thrust is the mean one that burns what is left, below the smallest thrust, too: the mass does not fall
+    below the dry one, but for rounding, and the speed is that of the rocket equation.
 
     Args:
         largest_thrust, smallest_thrust: N. specific_impulse: s. thrust_scale: true over commanded thrust, 1. All may be
@@ -410,14 +412,15 @@ class Lander:
         vehicle = (self.specific_impulse, self.smallest_thrust, self.largest_thrust, self.thrust_scale)
         p = dynamics.LanderParameters(self.gravity, self.thrust_noise, self.dry_mass)
         require_numbers(p, "Lander")
+        gravity, noise, dry_mass = map(float, p)
         return Model(
             dynamics.LANDER,
-            p=dynamics.LanderParameters(*map(float, p)),
+            p=dynamics.LanderParameters(gravity, noise, max(dry_mass, dynamics.SPENT)),  # something has to be left
             vehicle=dynamics.LanderVehicle(*vehicle),
             warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
             ends=_on_the_ground(self.ground),
-            failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
+            failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass + dynamics.SPENT},
             **{"quantities": LANDER_QUANTITIES, **self._engine()},
         )
 

@@ -101,13 +101,14 @@ def fly(flight, trial, given):
         for increment in draws[flown]:
             white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
         now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
-        before, now["state"] = now["state"], _advanced(model, flight.options["integrator"], step)
+        now |= {"before": now["state"], "step": step}
+        now["state"] = _advanced(model, flight.options["integrator"], step)
         met = _met_by(_excess(model, now["state"], time + step, 2 * flown + 2)) if ends else None
         if met is not None:
             part = step
             if finds_root:
                 tolerance = flight.options["end_tolerance"]
-                part, now["state"], met = _to_end(model, before, now["state"], step, tolerance)
+                part, now["state"], met = _to_end(model, now["before"], now["state"], step, tolerance)
             end_time, length = time + part, flown // schedule.every + 1
             ended_by = met if ended_by == NOTHING else ended_by
         flown += 1

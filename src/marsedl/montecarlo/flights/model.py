@@ -158,6 +158,7 @@ class Flight:
         command, memory = guided[0] if guided else (Nothing, Nothing)
         self.parts = {name: self.classes.get(role, Nothing) for role, (name, *_) in PARTS.items()}
         self.parts |= {"command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing}
+        self.parts["before"] = state
         self.options = {
             "integrator": integrator,
             "noise": noise,
