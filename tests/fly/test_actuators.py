@@ -257,7 +257,7 @@ def test_an_entry_flies_its_bank_as_scipy_flies_it():
 
     vehicle = Entry(115.0, 0.24, bank_rate_deg=10.0, lag=0.5, delay=2.0)
     flights = fly(vehicle, CAPSULE, law=reversal, trigger=Below("velocity", 3500.0), end_time=90.0, trials=1,
-                  substeps=8, compiled=False)  # fmt: skip
+                  substeps=8, history=7.0, compiled=False)  # fmt: skip
     one, p, rate = flights.replay(0), flights.campaign.p, np.deg2rad(10.0)
     reversed_at = one.history.index[one.history["commanded_bank"] < 0.0][0] + 2.0
     assert one.history["bank"].loc[reversed_at] == 1.2
@@ -283,6 +283,8 @@ def test_an_entry_flies_its_bank_as_scipy_flies_it():
     assert one.final["velocity"] == pytest.approx(3500.0) and one.history["bank"].iloc[-1] == one.final["bank"]
     assert one.final["saturated_bank"] == np.ceil(one.final["end_time"] - reversed_at) < 13  # of 2.4 rad / 10 deg/s
     data = flights.to_xarray()
+    last = data[["bank_history", "commanded_bank_history"]].isel(trial=0, time=int(one.final["end_time"] // 7.0) + 1)
+    assert last["bank_history"] == one.final["bank"] and last["commanded_bank_history"] == -1.2
     assert data["saturated_bank"].attrs["long_name"].startswith("guidance periods in which limits kept bank")
 
 

@@ -341,9 +341,9 @@ class Campaign:
         return dict(zip(self.flight().parts["final"]._fields, numbers, strict=True))
 
     def reduced(self, trials, in_python=False):
-        """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
+        """Final numbers, outcomes and histories (up to the end, then NaN; or None) of consecutive trials, or of one."""
         flown = self.fly(trials, self.history, in_python)
-        history = None if self.history is None else flown.cleared().history
+        history = None if self.history is None else flown.with_ends().history
         final, outcome = flown.final_state, self.outcomes(flown)
         if self.before:
             outcome = self.before.outcomes(trials, outcome)

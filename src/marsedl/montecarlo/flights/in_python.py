@@ -90,7 +90,7 @@ def fly(flight, trial, given):
             now["guided"] = np.float64(1.0)
         if "watch" in flight.classes and (guides or (watch_steps and end_time is None)):
             watched = model("watch", watched=watched)
-        if stores or (over and schedule.stores_end and end_time is None):
+        if stores or (over and schedule.stores_end):
             row = times - 1 if over else flown // schedule.every
             history[row, :, 0] = model("store")[: history.shape[1]]
             observed[row, :, 0] = model("observe")

@@ -302,9 +302,12 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 ending, asked = 1.0 if over else 0.0, flying if watch_steps else chosen
                 seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
                 watch(watched, ending, *seen_by, asked)
+            if stores or over:
+                for lane in range(LANES):
+                    end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
+                seen_by = (half_index, end_time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
                 store(*seen_by, stored)
                 observe(*seen_by, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
@@ -375,8 +378,6 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             if substep == cycle_steps[cycle]:
                 cycle, substep = cycle + 1, 0
 
-        for lane in range(LANES):
-            end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
         finish(end_time, state, found, sensed, nav, command, memory, vehicle, drawn, watched, p, final)
         for row in range(FINAL):
             for lane in range(LANES):
