@@ -534,7 +534,8 @@ class Flights:
             confidence: of the interval.
 
         Returns:
-            Series with value, lower, upper, flights (that count) and note (how many are left out, and why).
+            Series of numbers: value, lower, upper, flights (that count) and left_out. Its `attrs["note"]` says why they
+            are left out.
 
         Raises:
             ValueError: for an unknown quantity, or what is no condition.
@@ -548,7 +549,9 @@ class Flights:
         flights, true = int(counted.sum()), int(holds[counted].sum())
         interval = binomtest(true, flights).proportion_ci(confidence) if flights else (np.nan, np.nan)
         numbers = {"value": true / flights if flights else np.nan, "lower": interval[0], "upper": interval[1]}
-        return pd.Series({**numbers, "flights": flights, "note": left_out}, name=condition)
+        share = pd.Series({**numbers, "flights": flights, "left_out": self.trials - flights}, name=condition)
+        share.attrs["note"] = left_out
+        return share
 
     def explains(self, what, percentile=None, confidence=0.95):
         """Which share of a variance each dispersed number explains by itself: where the spread of a result comes from.
