@@ -13,6 +13,7 @@ import numpy as np
 
 from marsedl.fly.actuators import actuated
 from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, numbers_of, resolve
+from marsedl.fly.generated import generated
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
@@ -236,18 +237,6 @@ def command_of(flight):
     return command
 
 
-def _made(text, returns, like=None, **names):
-    """The function that a text of checked names defines, annotated; messages name the function that it is like."""
-    exec(f"def made{text}", names)
-    made = names["made"]
-    made.__annotations__["return"], made.__module__ = returns, __name__
-    if like:
-        code = like.__code__
-        place = {"co_filename": code.co_filename, "co_firstlineno": code.co_firstlineno}
-        made.__name__, made.__code__ = like.__name__, made.__code__.replace(co_name=code.co_name, **place)
-    return made
-
-
 class End(NamedTuple):
     """Where a trigger ends a flight: a sum of weights x quantities falls to a value; one kernel serves all of them."""
 
@@ -352,11 +341,10 @@ def _ended_by(kind):
             weighted = (f"p.ends[{place}].weights[{row}] * {name}" for row, name in enumerate(one))
             terms.append(f"{' + '.join(weighted)} - p.ends[{place}].value")
             asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
-    text = f"({', '.join(asked)}):\n    return "
     if len(terms) == 1:
-        return _made(text + terms[0], float)
+        return generated(asked, [f"return {terms[0]}"], float)
     returns = namedtuple("Reached", [f"end_{row}" for row in range(len(terms))])
-    return _made(f"{text}Reached({', '.join(terms)})", returns, Reached=returns, **functions)
+    return generated(asked, [f"return Reached({', '.join(terms)})"], returns, Reached=returns, **functions)
 
 
 @lru_cache(64)
@@ -379,30 +367,30 @@ def completed(flight, law, ends, senses=(), actuators=()):
     from marsedl.montecarlo.flights.binding import hints
 
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
-    parts.setdefault("sense", _made("(state):\n    return state", flight.parts["state"]))
+    parts.setdefault("sense", generated(["state"], ["return state"], flight.parts["state"]))
     parts |= navigation(told, senses) if senses else {}
     tells = "nav" if "navigate" in parts else "sensed"
     own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
     if kind == "guide":
         function, asked = details
         arguments, needed = _asks(asked, own)
-        text = f"({needed}):\n    return law_of_user({arguments})"
-        as_it_is = arguments == ", ".join(asked)  # and no other function stands between it and the flight
-        parts["guide"] = (
-            function if as_it_is else _made(text, hints(function)["return"], function, law_of_user=function)
-        )
+        if arguments == ", ".join(asked):  # no other function stands between it and the flight
+            parts["guide"] = function
+        else:
+            lines, returns = [f"return law_of_user({arguments})"], hints(function)["return"]
+            parts["guide"] = generated(needed, lines, returns, function, law_of_user=function)
     elif kind not in ("own", "none"):
         command = command_of(flight)
         returns = tuple[command, Nothing]
         if kind == "constant":
-            parts["guide"] = _made("(law):\n    return law, ()", returns)
+            parts["guide"] = generated(["law"], ["return law, ()"], returns)
         elif kind == "table":
             parts |= _of_table(*details, tells, told, command, returns)
         else:
             function, asked = details
             arguments, needed = _asks(asked, own)
-            text = f"({needed}):\n    return law_of_user({arguments}), ()"
-            parts["guide"] = _made(text, returns, function, law_of_user=function)
+            lines = [f"return law_of_user({arguments}), ()"]
+            parts["guide"] = generated(needed, lines, returns, function, law_of_user=function)
     if ends and ends != ("own",):
         parts["ended"] = _ended_by(ends)
     guide = parts["guide"]
@@ -425,7 +413,7 @@ def completed(flight, law, ends, senses=(), actuators=()):
 def _asks(asked, own):
     """Arguments by which a law is called, and those that its caller needs; own: what is part of another argument."""
     arguments = [own.get(name, name) for name in asked]
-    return ", ".join(arguments), ", ".join(dict.fromkeys(name.partition(".")[0] for name in arguments))
+    return ", ".join(arguments), [name.partition(".")[0] for name in arguments]
 
 
 def _with_navigation(function, known):
@@ -434,11 +422,10 @@ def _with_navigation(function, known):
 
     fields = hints(function)["return"]._fields
     kind = namedtuple("WithNavigation", (*fields, *(f"nav_{name}" for name in known)))
-    arguments = ", ".join(inspect.signature(function).parameters)
-    needed = ", ".join(dict.fromkeys((*inspect.signature(function).parameters, "nav")))
+    asked = [*inspect.signature(function).parameters]
     values = ", ".join([*(f"whole.{name}" for name in fields), *(f"nav.{name}" for name in known)])
-    text = f"({needed}):\n    whole = function({arguments})\n    return Kind({values})"
-    return _made(text, kind, function, function=function, Kind=kind)
+    lines = [f"whole = function({', '.join(asked)})", f"return Kind({values})"]
+    return generated([*asked, "nav"], lines, kind, function, function=function, Kind=kind)
 
 
 def _of_table(against, columns, commanded, tells, told, command, returns):
@@ -447,31 +434,29 @@ def _of_table(against, columns, commanded, tells, told, command, returns):
 
     advice = namedtuple("Advice", columns)
     rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
-    consult = (
-        f"(time, {tells}, law):\n"
-        f"    place = {'time' if against == 'time' else f'{tells}.{against}'}\n"
-        f"    node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)\n"
-        f"    part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])\n"
-        f"    part = min(max(part, 0.0), 1.0)\n"
-        f"    low = 1.0 - part\n"
-        f"    return Advice({', '.join(rows)})"
-    )
+    lines = [
+        f"place = {'time' if against == 'time' else f'{tells}.{against}'}",
+        "node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)",
+        "part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])",
+        "part = min(max(part, 0.0), 1.0)",
+        "low = 1.0 - part",
+        f"return Advice({', '.join(rows)})",
+    ]
     terms = []
     for column in commanded:
         fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
         gains = (f"advice.{column}_per_{name} * ({tells}.{name} - advice.{name})" for name in fed_back)
         term = " + ".join([f"advice.{column}", *gains])
         terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
-    guide = f"({tells}, advice):\n    return Command({', '.join(terms)}), ()"
+    commands, read = f"return Command({', '.join(terms)}), ()", {"Command": command, "arc_cosine": arc_cosine}
     return {
-        "consult": _made(consult, advice, np=np, Advice=advice),
-        "guide": _made(guide, returns, Command=command, arc_cosine=arc_cosine),
+        "consult": generated(("time", tells, "law"), lines, advice, np=np, Advice=advice),
+        "guide": generated((tells, "advice"), [commands], returns, **read),
     }
 
 
 def _gathered(fields, *first):
     """The function that returns fields of parts, name by name, after (first) the time as `end_time`."""
     kind = namedtuple("Gathered", (*("end_time" for _ in first), *fields))
-    arguments = ", ".join((*first, *dict.fromkeys(field.partition(".")[0] for field in fields.values())))
-    values = ", ".join((*first, *fields.values()))
-    return _made(f"({arguments}):\n    return Kind({values})", kind, Kind=kind)
+    asked = (field.partition(".")[0] for field in fields.values())
+    return generated((*first, *asked), [f"return Kind({', '.join((*first, *fields.values()))})"], kind, Kind=kind)

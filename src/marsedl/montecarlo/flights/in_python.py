@@ -8,7 +8,7 @@ from marsedl.montecarlo.flights.arithmetic import answer, numpy_numbers, warn
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED, MET_AT_THE_START, NOTHING
-from marsedl.montecarlo.streams import normals, one_normal
+from marsedl.montecarlo.streams import normals
 from marsedl.stepping import runge_kutta_4
 from marsedl.words import described, require
 
@@ -44,9 +44,8 @@ def fly(flight, trial, given):
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
 
     def drawn(stream, count):
-        if given.only is None:
-            return normals(given.seed, stream, [trial], count)[0]
-        return one_normal(stream, np.asarray(given.only)[:, own : own + 1], count)[0]
+        only = None if given.only is None else np.asarray(given.only)[:, own : own + 1]
+        return normals(given.seed, stream, [trial], count, only)[0]
 
     if "vary" in flight.classes and air is None:
         for node, normal in zip(reversed(range(nodes)), drawn(given.streams[1], nodes), strict=True):
