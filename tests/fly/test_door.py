@@ -568,6 +568,25 @@ def test_three_errors_of_a_percentile_hold_it_at_the_edge_of_its_tail(count, lev
         assert np.isnan(percentile(samples[0, :few], 0.95)[1]) == np.isnan(order_interval(samples[0, :few], 0.95)[0])
 
 
+@pytest.mark.parametrize(
+    "triggers",
+    [
+        [Above("drag", 20.0), Above("range_km", 60.0), Above("density", 1e-4), Below("energy", 2e6)],
+        [Above("time", 12.5), Below("altitude_km", 50.0), Above("latitude_deg", 0.3)],
+    ],
+)
+def test_flights_end_by_all_that_is_known_and_those_on_the_same_kind_of_quantity_share_a_kernel(triggers):
+    start, kinds = START | {"altitude_km": 60.0, "azimuth_deg": 45.0}, set()
+    for trigger in triggers:
+        flown = fly(Entry(115.0), start, trigger=trigger, law=0.0, end_time=60.0, trials=1, substeps=2, compiled=False)
+        (outcome,) = flown.outcomes()
+        assert outcome.startswith(f"ended: {trigger.quantity} ")
+        at_end = flown.final["end_time"] if trigger.quantity == "time" else flown.values(trigger.quantity)
+        np.testing.assert_allclose(at_end, trigger.value, rtol=1e-9)
+        kinds.add(flown.campaign.ends.kind)
+    assert len(kinds) == 1
+
+
 def test_flights_end_by_their_energy_which_laws_are_told():
     def energy(numbers):
         return numbers["velocity"] ** 2 / 2.0 - MARS.gravitational_parameter / (MARS.radius + numbers["altitude"])

@@ -238,7 +238,11 @@ def command_of(flight):
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: a sum of weights x quantities falls to a value; one kernel serves all of them."""
+    """Where a trigger ends a flight: a number falls to a value.
+
+    The number is a sum of weights x quantities of the state and the time, or of what is sensed one quantity, as others
+    of a model may be no numbers: a sign, and its place. So one kernel serves all that is known of a flight either way.
+    """
 
     weights: tuple[float, ...]
     value: float
@@ -247,7 +251,7 @@ class End(NamedTuple):
 class Ends(NamedTuple):
     """What ends the flights of a campaign."""
 
-    kind: tuple  # what `ended` is made from: of each end a function, or the names that its weights are of
+    kind: tuple  # what `ended` is made from: of each end a function, or the names that its `End` chooses from
     data: tuple[End, ...]  # of the ends that are data, in their order
     names: tuple[str, ...]  # outcomes, in their order
     aims: bool  # whether flights that do not reach the first end count in no statistics
@@ -265,8 +269,8 @@ def ends_of(trigger, model, nominal) -> Ends:
     """
     from marsedl.montecarlo.flights.binding import returned
 
-    flight, sensed = model.flight, model.flight.parts["sensed"]._fields
-    own, state = flight.functions["ended"], flight.parts["state"]._fields
+    flight, state = model.flight, model.flight.parts["state"]._fields
+    own, sensed = flight.functions["ended"], [name for name in flight.parts["sensed"]._fields if name not in state]
     require(
         trigger is None or own is None,
         "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
@@ -283,7 +287,7 @@ def ends_of(trigger, model, nominal) -> Ends:
             not isinstance(trigger, Mapping), f"{described(single[0])} returns a bool; let named triggers be floats"
         )
         whole = {None: single[0]}
-    units = model.units([*state, *(name for name in sensed if name not in state), "time"]) | {"time": "s"}
+    units = model.units([*state, *sensed, "time"]) | {"time": "s"}
     for outcome, one in whole.items():
         require(
             isinstance(one, Below | Above) or callable(one),
@@ -294,18 +298,20 @@ def ends_of(trigger, model, nominal) -> Ends:
             names.append(outcome or f"ended: {one.__name__}")
         else:
             advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
-            kind, end, text = _crossing(one, state, units, nominal, advice)
+            kind, end, text = _crossing(one, (state, sensed), units, nominal, advice)
             kinds.append(kind)
             data.append(end)
             names.append(outcome or f"ended: {text}")
     return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
 
 
-def _crossing(trigger, state, units, nominal, advice):
-    """Of `Below` or `Above`: the names that its weights are of, its `End`, and what it says. Checked; see `ends_of`.
+def _crossing(trigger, known, units, nominal, advice):
+    """Of `Below` or `Above`: the names that its `End` chooses from, that, and what it says. Checked; see `ends_of`.
 
-    state: names of the state. units: of all that is known. advice: what else a user may do if it is met at the start.
+    known: names of the state, and of what else is sensed. units: of all of them. advice: what else a user may do if it
+    is met at the start.
     """
+    state, sensed = known
     require(
         isinstance(trigger.quantity, str) and trigger.probability is None,
         f"trigger {trigger} is a limit of a design: give the name of a quantity and a value, or the function alone",
@@ -315,14 +321,15 @@ def _crossing(trigger, state, units, nominal, advice):
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
     text = f"{trigger.quantity} {word} {trigger.value:g}"
     value = sign * factor * float(trigger.value)
-    if name not in state:  # whether it is met at the start, a flight's functions say
-        return ("time" if name == "time" else f"sensed.{name}",), End((sign,), value), text
+    if name not in (*state, "time"):  # whether it is met at the start, a flight's functions say
+        return tuple(f"sensed.{other}" for other in sensed), End((sign, float(sensed.index(name))), value), text
     require(
-        sign * nominal[name] > value,
-        f"trigger {text} is met at the start, where {name} is {nominal[name]:g}{advice}",
+        name not in state or sign * nominal[name] > value,
+        f"trigger {text} is met at the start, where {name} is {nominal.get(name, np.nan):g}{advice}",
     )
-    weights = tuple(sign if other == name else 0.0 for other in state)
-    return tuple(f"state.{other}" for other in state), End(weights, value), text
+    weights = [sign if other == name else 0.0 for other in state]
+    of_time = 0.0 if name in state else sign
+    return (*(f"state.{other}" for other in state), "time"), End((*weights, of_time), value), text
 
 
 def _ended_by(kind):
@@ -337,9 +344,13 @@ def _ended_by(kind):
             terms.append(f"end_{len(functions) - 1}({', '.join(arguments)})")
             asked |= dict.fromkeys(arguments)
         else:
-            place = len(terms) - len(functions)
-            weighted = (f"p.ends[{place}].weights[{row}] * {name}" for row, name in enumerate(one))
-            terms.append(f"{' + '.join(weighted)} - p.ends[{place}].value")
+            end = f"p.ends[{len(terms) - len(functions)}]"
+            if "time" in one:
+                number = " + ".join(f"{end}.weights[{row}] * {name}" for row, name in enumerate(one))
+            else:
+                chosen = "".join(f"{name} if {end}.weights[1] == {row}.0 else " for row, name in enumerate(one[:-1]))
+                number = f"{end}.weights[0] * ({chosen}{one[-1]})"
+            terms.append(f"{number} - {end}.value")
             asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
     if len(terms) == 1:
         return generated(asked, [f"return {terms[0]}"], float)
