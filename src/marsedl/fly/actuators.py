@@ -12,7 +12,7 @@ import numpy as np
 from marsedl.compiling import inlined
 from marsedl.elementary import clip, exponential
 from marsedl.fly.declared import is_number, resolve
-from marsedl.fly.generated import generated
+from marsedl.fly.generated import generated, with_fields
 from marsedl.montecarlo.flights.binding import hints
 from marsedl.words import remedy, require
 
@@ -388,12 +388,11 @@ class _Actuated:
             if function and "command" in signature(function).parameters:
                 changed[role] = self._told(function, self.commanded if role == "watch" else self.flown)
         commanded = {f"commanded_{name}": f"command.commanded_{name}" for name in self.names}
-        changed["store"] = self._with(commanded, changed.get("store", self.given["store"]), ["command"])
+        changed["store"] = with_fields(changed.get("store", self.given["store"]), commanded, ["command"])
         final = {name: f"now.{name}" for name in self.names}
         final |= {f"saturated_{name}": f"command.saturated_of_{name}" for name in self.moved}
-        changed["finish"] = self._with(
-            final, changed.get("finish", self.given["finish"]), self.asks, f"now = {self.flown}"
-        )
+        finish, now = changed.get("finish", self.given["finish"]), f"now = {self.flown}"
+        changed["finish"] = with_fields(finish, final, self.asks, now, **self.space)
         if self.within:
             changed["interrupts"] = self._interrupts()
         return {**self.given, **changed, "guide": self._guide()}
@@ -421,15 +420,6 @@ class _Actuated:
         needed = [*asked, *(self.asks if command == self.flown else ())]
         lines = [f"return function({arguments})"]
         return generated(needed, lines, hints(function)["return"], function, function=function, **self.space)
-
-    def _with(self, fields, function, asks, *lines):
-        """The function with what it returns, and further fields; asks, lines: what these need."""
-        known, asked = hints(function)["return"]._fields, [*signature(function).parameters]
-        fields = {name: value for name, value in fields.items() if name not in known}
-        kind = namedtuple("WithActuators", (*known, *fields))
-        values = ", ".join([*(f"whole.{name}" for name in known), *fields.values()])
-        body = [f"whole = function({', '.join(asked)})", *lines, f"return Kind({values})"]
-        return generated([*asked, *asks], body, kind, function, function=function, Kind=kind, **self.space)
 
     def _guide(self):
         """Guidance with the actuators: what is asked once a period, and where a delay ends within one."""

@@ -11,12 +11,15 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from marsedl.elementary import arc_cosine
 from marsedl.fly.actuators import actuated
 from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, numbers_of, resolve
-from marsedl.fly.generated import generated
+from marsedl.fly.generated import generated, with_fields
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
+from marsedl.montecarlo.flights import Flight, Nothing
+from marsedl.montecarlo.flights.binding import LOCAL, chains, hints, returned
 from marsedl.words import described, remedy, require
 
 __all__ = ["GainTable"]
@@ -149,8 +152,6 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
         return Bound(("own",), () if law is None else law)
     if law is None and "command" not in inspect.signature(flight.functions["rates"]).parameters:
         return Bound(("none",), ())
-    from marsedl.montecarlo.flights.binding import LOCAL, chains, hints
-
     told, command = told_by(flight), command_of(flight)
     if isinstance(law, GainTable):
         law = law.in_si(units([*told._fields, *command._fields]) | {"time": "s"})
@@ -226,8 +227,6 @@ def told_by(flight):
 
 def command_of(flight):
     """NamedTuple of what laws command."""
-    from marsedl.montecarlo.flights.binding import hints
-
     rates = flight.functions["rates"]
     command = hints(rates).get("command")
     require(
@@ -267,8 +266,6 @@ def ends_of(trigger, model, nominal) -> Ends:
     Raises:
         ValueError: for a quantity that is not known of a flight, or is beyond the trigger at the start.
     """
-    from marsedl.montecarlo.flights.binding import returned
-
     flight, state = model.flight, model.flight.parts["state"]._fields
     own, sensed = flight.functions["ended"], [name for name in flight.parts["sensed"]._fields if name not in state]
     require(
@@ -374,34 +371,26 @@ def completed(flight, law, ends, senses=(), actuators=()):
         flight: `Flight`. law: `Bound.kind`. ends: `Ends.kind`. senses: `senses.Bound.kinds`.
         actuators: `actuators.Bound.kind`.
     """
-    from marsedl.montecarlo.flights import Flight, Nothing
-    from marsedl.montecarlo.flights.binding import hints
-
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
     parts.setdefault("sense", generated(["state"], ["return state"], flight.parts["state"]))
     parts |= navigation(told, senses) if senses else {}
     tells = "nav" if "navigate" in parts else "sensed"
     own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
-    if kind == "guide":
+    if kind in ("guide", "simple"):
         function, asked = details
-        arguments, needed = _asks(asked, own)
-        if arguments == ", ".join(asked):  # no other function stands between it and the flight
+        arguments = [own.get(name, name) for name in asked]
+        needed = [name.partition(".")[0] for name in arguments]
+        call, remembers = f"return law_of_user({', '.join(arguments)})", kind == "guide"
+        if remembers and arguments == [*asked]:  # no other function stands between it and the flight
             parts["guide"] = function
         else:
-            lines, returns = [f"return law_of_user({arguments})"], hints(function)["return"]
+            returns = hints(function)["return"] if remembers else tuple[command_of(flight), Nothing]
+            lines = [call if remembers else f"{call}, ()"]
             parts["guide"] = generated(needed, lines, returns, function, law_of_user=function)
-    elif kind not in ("own", "none"):
-        command = command_of(flight)
-        returns = tuple[command, Nothing]
-        if kind == "constant":
-            parts["guide"] = generated(["law"], ["return law, ()"], returns)
-        elif kind == "table":
-            parts |= _of_table(*details, tells, told, command, returns)
-        else:
-            function, asked = details
-            arguments, needed = _asks(asked, own)
-            lines = [f"return law_of_user({arguments}), ()"]
-            parts["guide"] = generated(needed, lines, returns, function, law_of_user=function)
+    elif kind == "constant":
+        parts["guide"] = generated(["law"], ["return law, ()"], tuple[command_of(flight), Nothing])
+    elif kind == "table":
+        parts |= _of_table(*details, tells, told, command_of(flight))
     if ends and ends != ("own",):
         parts["ended"] = _ended_by(ends)
     guide = parts["guide"]
@@ -417,32 +406,13 @@ def completed(flight, law, ends, senses=(), actuators=()):
     parts.setdefault("finish", _gathered(held | watched, "time"))
     if tells == "nav":
         known = [name for name, _ in senses] or told._fields
-        parts |= {role: _with_navigation(parts[role], known) for role in ("store", "finish")}
+        known = {f"nav_{name}": f"nav.{name}" for name in known}
+        parts |= {role: with_fields(parts[role], known, ["nav"]) for role in ("store", "finish")}
     return Flight(**(actuated(parts, *actuators) if actuators else parts))
 
 
-def _asks(asked, own):
-    """Arguments by which a law is called, and those that its caller needs; own: what is part of another argument."""
-    arguments = [own.get(name, name) for name in asked]
-    return ", ".join(arguments), [name.partition(".")[0] for name in arguments]
-
-
-def _with_navigation(function, known):
-    """The function with what it returns, and what navigation knows of these quantities as `nav_<name>`."""
-    from marsedl.montecarlo.flights.binding import hints
-
-    fields = hints(function)["return"]._fields
-    kind = namedtuple("WithNavigation", (*fields, *(f"nav_{name}" for name in known)))
-    asked = [*inspect.signature(function).parameters]
-    values = ", ".join([*(f"whole.{name}" for name in fields), *(f"nav.{name}" for name in known)])
-    lines = [f"whole = function({', '.join(asked)})", f"return Kind({values})"]
-    return generated([*asked, "nav"], lines, kind, function, function=function, Kind=kind)
-
-
-def _of_table(against, columns, commanded, tells, told, command, returns):
+def _of_table(against, columns, commanded, tells, told, command):
     """Functions of a gain table: `consult`, which reads it, and `guide`."""
-    from marsedl.elementary import arc_cosine
-
     advice = namedtuple("Advice", columns)
     rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
     lines = [
@@ -462,7 +432,7 @@ def _of_table(against, columns, commanded, tells, told, command, returns):
     commands, read = f"return Command({', '.join(terms)}), ()", {"Command": command, "arc_cosine": arc_cosine}
     return {
         "consult": generated(("time", tells, "law"), lines, advice, np=np, Advice=advice),
-        "guide": generated((tells, "advice"), [commands], returns, **read),
+        "guide": generated((tells, "advice"), [commands], tuple[command, Nothing], **read),
     }
 
 

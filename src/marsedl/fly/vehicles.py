@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from marsedl.fly import dynamics
 from marsedl.fly.actuators import Actuator, Coordinates
 from marsedl.fly.declared import (
     MARS,
@@ -27,6 +28,7 @@ from marsedl.fly.declared import (
 )
 from marsedl.fly.own_air import OwnAir, Profiles, Wind, beside, varied
 from marsedl.models.atmosphere import uniform_cells, uniform_nodes
+from marsedl.montecarlo.flights import Flight
 from marsedl.words import require
 
 __all__ = ["Entry", "Lander", "Model"]
@@ -172,8 +174,6 @@ def parts_of(flight) -> dict[str, Any]:
 
 
 def _bound_again(parts, *others):
-    from marsedl.montecarlo.flights import Flight
-
     return Model(Flight(**parts), *others)
 
 
@@ -227,8 +227,6 @@ class Entry:
 
     def model(self) -> Model:
         """The model that flies."""
-        from marsedl.fly import dynamics
-
         self._require_kinds()
         planet = Planet(*(one.mean if isinstance(one, Normal | Uniform) else one for one in self.planet))
         _require_planet(planet)
@@ -305,9 +303,6 @@ class Entry:
                 ballistic_coefficient and lift_to_drag, `p` has gravitational_parameter, radius and rotation_rate.
             functions: further arguments of a `montecarlo.flights.Flight`, such as `sense` and `noise`.
         """
-        from marsedl.fly import dynamics
-        from marsedl.montecarlo.flights import Flight
-
         flight = Flight(rates, look_up=dynamics.look_up, vary=dynamics.vary, **functions)
         return replace(self.model(), flight=flight, warn=None)
 
@@ -330,8 +325,6 @@ class Entry:
 
     def _completed(self, p, start):
         """Parameters that depend on the start. Warns of a start beyond the table of air, or in other units."""
-        from marsedl.fly import dynamics
-
         bottom, spacing, cells = self._mean_air(start["altitude"])
         altitude, velocity = start["altitude"], start.get("velocity", np.inf)
         mean = self._mean_density()
@@ -407,8 +400,6 @@ class Lander:
 
     def model(self) -> Model:
         """The model that flies."""
-        from marsedl.fly import dynamics
-
         vehicle = (self.specific_impulse, self.smallest_thrust, self.largest_thrust, self.thrust_scale)
         p = dynamics.LanderParameters(self.gravity, self.thrust_noise, self.dry_mass)
         require_numbers(p, "Lander")
@@ -426,8 +417,6 @@ class Lander:
 
     def _engine(self):
         """Actuators of thrust and tilt, and what else a model with them has."""
-        from marsedl.fly import dynamics
-
         tilt, rate = _angle(self, "largest_tilt"), _angle(self, "tilt_rate")
         require(
             tilt is None or (is_number(tilt) and tilt > 0.0), f"largest_tilt is {tilt!r} rad; give a positive number"
