@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.fly.laws import GainTable, _made
+from marsedl.fly.generated import generated
+from marsedl.fly.laws import GainTable
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.linear import slice_jacobians
 from marsedl.methods.funnels.monte_carlo import quadratic_values
@@ -348,14 +349,17 @@ def _flight(dynamics, n, m, q):
     arguments = ", ".join(of_user.get(name, name) for name in signature(dynamics.rates).parameters)
     pushes = "".join(f"found.push_{row}, " for row in range(q))
     return Flight(
-        _made(
-            f"(state, found, command, vehicle, p):\n    return rates_of_user({arguments})",
+        generated(
+            ("state", "found", "command", "vehicle", "p"),
+            [f"return rates_of_user({arguments})"],
             *(kinds["state"], dynamics.rates),
             rates_of_user=dynamics.rates,
             Command=kinds["command"],
         ),
-        look_up=_made(f"(half_index, state, air, p):\n    return Found({', '.join(looked_up)})", found, Found=found),
-        guide=_made(f"(found):\n    return Noise({pushes}), ()", tuple[noise, Nothing], Noise=noise) if q else None,
+        look_up=generated(
+            ("half_index", "state", "air", "p"), [f"return Found({', '.join(looked_up)})"], found, Found=found
+        ),
+        guide=generated(["found"], [f"return Noise({pushes}), ()"], tuple[noise, Nothing], Noise=noise) if q else None,
     )
 
 

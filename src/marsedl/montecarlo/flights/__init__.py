@@ -19,7 +19,8 @@ do in pytest, and its annotation tells the parts of the flight, which are NamedT
 
 What they may ask for: state, found, sensed, nav, advice, command, memory, drawn, watched (the parts above); time (s),
 cycle (number of the guidance period), half_index (2 x number of the step, and 1 more in its middle); p, law
-(parameters) and vehicle (of the trial); noise (of Brownian motion, increment / step); draws (independent standard
+(parameters) and vehicle (of the trial); step (of the integration, s) and before (the state where it began); noise (of
+Brownian motion, increment / step); draws (independent standard
 normals of navigation, new in every period); air (column of the trial, (nodes,)), node, normal; share (of the period
 that has passed: 0 but for interrupts), past (numbers that guide may write to); guided (1.0 if guide was asked since
 the last stored state), ending (1.0 at the end of the schedule). `OFFERED` says which role may ask for which.
