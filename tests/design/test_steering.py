@@ -170,6 +170,22 @@ def test_powered_descent_is_steered_as_by_the_paper():
     np.testing.assert_allclose(law.covariance[-1], end_covariance, atol=2e-3)
 
 
+def test_a_linear_vehicle_without_limits_takes_one_program(monkeypatch):
+    programs, plain = [], steering.block_program.solve
+
+    def counted(*arguments, **options):
+        programs.append(arguments)
+        return plain(*arguments, **options)
+
+    monkeypatch.setattr(steering.block_program, "solve", counted)
+    law = on_line()
+    assert len(programs) == 1 and law.outcome == "converged"
+    assert law.iterations[-1].change == 0.0
+    np.testing.assert_allclose(law.state[-1], [0.0, 0.0], atol=1e-6)
+    on_line(times=np.linspace(0.0, 10.0, 6), limits=[Above("velocity", -2.0, 0.1)])
+    assert len(programs) > 2  # a limit's bound is that of the iteration before
+
+
 # ---- costs -----------------------------------------------------------------------------------------------------------
 
 

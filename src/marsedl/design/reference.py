@@ -19,6 +19,7 @@ import numpy as np
 
 from marsedl.fly.declared import Above, Below, is_number
 from marsedl.methods.collocation import Condition, Guess, Problem, Program, Solution, Variable
+from marsedl.methods.linearization import symbol_kind, symbols_in_numpy
 from marsedl.methods.step_map import VectorRates, in_vectors
 from marsedl.stepping import runge_kutta_4
 from marsedl.summaries import summary
@@ -302,25 +303,27 @@ def fly_held(rates: VectorRates, start, commands, time, substeps=4, gains=None, 
     """Fly held commands without noise by the integrator of flights, with feedback where an interval begins or without.
 
     Args:
-        rates: `in_vectors`. start: (n,). commands: (N, m). time: bounds of the intervals, (N + 1,), s.
+        rates: `in_vectors`, not of the time. start: (n,). commands: (N, m). time: bounds of the intervals, (N + 1,), s.
         substeps: the integrator's steps in each. gains: (m, n), on deviations from `states`, (N + 1, n).
 
     Returns:
         States at the bounds, (N + 1, n).
     """
-    calm, flown = [0.0] * len(rates.names.get("noise", ())), [np.asarray(start, float)]
-    for number, command in enumerate(commands):
-        state, step = flown[-1], (time[number + 1] - time[number]) / substeps
-        held = command if gains is None else command + gains @ (state - states[number])
-        for substep in range(substeps):
-            began = time[number] + substep * step
+    import casadi
 
-            def slope(halves, at, began=began, held=held, step=step, first=2 * (number * substeps + substep)):
-                return rates(*at, *held, *calm, time=began + 0.5 * step * halves, half_index=first + halves)
-
-            state = runge_kutta_4(slope, state, step)
-        flown.append(np.array(state, float))
-    return np.array(flown)
+    n, m, calm = len(start), commands.shape[1], [0.0] * len(rates.names.get("noise", ()))
+    kind = symbol_kind(lambda *numbers: rates(*numbers, *calm), n + m)
+    x, u, nominal, h = kind.sym("x", n), kind.sym("u", m), kind.sym("nominal", n), kind.sym("h")
+    with symbols_in_numpy(casadi):
+        after = runge_kutta_4(lambda _, at: rates(*at, *casadi.vertsplit(u), *calm), casadi.vertsplit(x), h)
+    step = casadi.Function("step", [x, u, h], [casadi.vertcat(*after)])
+    state, held = x, u if gains is None else u + casadi.mtimes(casadi.DM(gains), x - nominal)
+    for _ in range(substeps):
+        state = step(state, held, h)
+    interval = casadi.Function("interval", [x, u, nominal, h], [state])
+    about = np.zeros((len(commands), n)) if states is None else states[:-1]
+    flown = interval.mapaccum(len(commands))(start, commands.T, about.T, np.diff(time) / substeps)
+    return np.vstack([start, flown.full().T])
 
 
 def _named(kind, given, what):
