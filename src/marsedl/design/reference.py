@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.pictures import Curve, over_time
 from marsedl.fly.declared import Above, Below, is_number
 from marsedl.methods.collocation import Condition, Guess, Problem, Program, Solution, Variable
 from marsedl.methods.linearization import symbol_kind, symbols_in_numpy
@@ -297,6 +298,16 @@ class Reference:
     substeps: int
 
     __repr__ = summary
+
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: states as planned and as flown again, and commands, over time. units: by name."""
+        curves = []
+        for name in self.states._fields:
+            curves.append(Curve(name, "planned", self.time, getattr(self.states, name)))
+            curves.append(Curve(name, "flown again", self.time, getattr(self.flown, name), style="--"))
+        for name, values in zip(self.task.names[len(self.states) :], self.commands, strict=True):
+            curves.append(Curve(name, "planned", self.time, values))
+        return over_time(curves, units or {})
 
 
 def fly_held(rates: VectorRates, start, commands, time, substeps=4, gains=None, states=None) -> np.ndarray:

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.pictures import Curve, over_time
 from marsedl.fly import Above, Below, Flights, GainTable, Model, MultivariateNormal, fly
 from marsedl.methods.covariance_steering import block_program
 from marsedl.methods.covariance_steering.chance import upper_quantile
@@ -59,6 +60,7 @@ NEAR = 0.9  # share of its bound that a norm's percentile reaches towards a side
 TRACE = 1e-10  # variance, of the largest one of a period's noise, that the design leaves out
 LEAST_SIZE = 1e-4  # of a command that fuel is weighed by, of the largest one
 LEAST_EFFORT = 1e-4  # weight of the effort where the covariance is the cost
+SHOWN = 3.0  # deviations, in pictures
 SAME = 1e-9  # difference, relative, that is rounding
 ONE_SIGMA = 0.15865525393145707  # probability beyond one standard deviation
 LINEAR = 0.03  # difference of flown and predicted deviations, relative, that counts as none
@@ -187,6 +189,25 @@ class Law:
                 stacklevel=2,
             )
         return Flown(pd.DataFrame(limits, columns=columns), pd.DataFrame(goal), flights)
+
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: states, commands and what limits are of over time, as predicted. units: by name."""
+        names, band = self.task.vectors.names, f"mean $\\pm$ {SHOWN:g} deviations"
+        commands = np.sqrt(np.diagonal(self.command_covariance, axis1=1, axis2=2))
+        columns = [*zip(names["state"], self.state.T, self.deviation.T, strict=True)]
+        columns += zip(names["command"], self.command.T, commands.T, strict=True)
+        curves = []
+        for name, mean, deviation in columns:
+            curves.append(Curve(name, "mean", self.time, mean))
+            curves.append(Curve(name, band, self.time, mean, SHOWN * deviation))
+        for limit in self.task.limits:
+            means, covariances = self._normal(limit)
+            excess = [limit.excess(_normals(*of_node)) for of_node in zip(means, covariances, strict=True)]
+            asked = np.quantile(excess, 1.0 - limit.probability, axis=1)
+            rows = ("mean", limit.excess(means.T), "-"), ("percentile asked for", asked, "-.")
+            for label, beyond, style in (*rows, ("limit", np.zeros(len(means)), "k--")):
+                curves.append(Curve(limit.text, label, self.time, limit.value + limit.sign * beyond, style=style))
+        return over_time(curves, units or {})
 
     @property
     def deviation(self) -> np.ndarray:
