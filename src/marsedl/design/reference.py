@@ -59,8 +59,8 @@ def optimal(
             time is to be least; or of `end`, the state at the end; or "time".
         limits: `Below` and `Above` of `marsedl.fly`, of a state's or command's name or of a function of `state` or
             `command`. They hold at all nodes.
-        guess: where the search starts: commands, held throughout (numbers, in their order) or for each interval (N, m);
-            or a `Reference` of the same vehicle.
+        guess: where the search starts: commands, held throughout (numbers, in their order) or for each interval (N, m),
+            under which states are flown that the goal leaves free; or a `Reference` of the same vehicle.
         intervals: N, of equal length, over which commands are held. scheme: one of `methods.collocation.SCHEMES`.
         scales: typical sizes of states and commands by name, where those of start, goal and guess are none. A command
             that has the name of a state is `command.x` here and in limits.
@@ -84,11 +84,14 @@ def optimal(
     commands = task.commands(guess, intervals)
     task = task._replace(scales=task.scaled(commands, scales or {}))
     middle = float(np.sqrt(task.time[0] * task.time[1]))
-    end = np.where(np.isnan(task.goal), task.start, task.goal)
-    line = Guess(np.linspace(task.start, end, intervals + 1), commands, middle)
     program = Program(task.problem(), intervals, scheme)
-    began = guess.solution.guess(intervals) if isinstance(guess, Reference) else line
-    return task.reference(program.solve(began), substeps)
+    if isinstance(guess, Reference):
+        return task.reference(program.solve(guess.solution.guess(intervals)), substeps)
+    # What the goal leaves free goes where the guess leads, all else straight to the goal.
+    flown = fly_held(task.vectors, task.start, commands, np.linspace(0.0, middle, intervals + 1), substeps)
+    led = np.isnan(task.goal) & np.isfinite(flown).all(axis=0)
+    line = np.linspace(task.start, np.where(np.isnan(task.goal), task.start, task.goal), intervals + 1)
+    return task.reference(program.solve(Guess(np.where(led, flown, line), commands, middle)), substeps)
 
 
 class Limit(NamedTuple):
