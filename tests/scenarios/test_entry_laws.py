@@ -13,9 +13,10 @@ from marsedl.methods.covariance_steering.steering_program import closed_loop
 from marsedl.methods.lincov import compose, propagate
 from marsedl.papers.stochastic_entry import flight, gains
 from marsedl.papers.stochastic_entry.linearization import system
+from marsedl.scenarios import load
 from marsedl.scenarios.entry import cone_program, predictor, reshaped, residents
 from marsedl.scenarios.entry.guidance import Guided, guide
-from marsedl.scenarios.entry.onboard import Onboard, start_of
+from marsedl.scenarios.entry.onboard import start_of
 from marsedl.scenarios.entry.residents import RESIDENTS
 
 PLACE = 3397e3  # radius of Mars as the paper has it, m
@@ -23,7 +24,7 @@ PLACE = 3397e3  # radius of Mars as the paper has it, m
 
 @pytest.fixture(scope="module")
 def onboard():
-    return Onboard.of_reading(Path(__file__).parents[2])
+    return load("entry", Path(__file__).parents[2]).onboard
 
 
 @pytest.fixture(scope="module")
