@@ -337,7 +337,11 @@ def explodes(state, command: Push, noise: Gust) -> Line:
         ({"limits": [Below("velocity", 1.0, 0.5)]}, r"within \(0, 0.5\)"),
         ({"limits": [Below("velocity", np.nan, 0.1)]}, "not a finite number"),
         ({"limits": [Below("speed", 1.0, 0.1)]}, "'speed' is unknown"),
-        ({"limits": [Below(lambda x: x, 1.0, 0.1)]}, "must ask for `state` or for `command`"),
+        ({"limits": [Below(lambda x: x, 1.0, 0.1)]}, r"asks for x; it may ask for state, command"),
+        (
+            {"limits": [Below(lambda state, command: state.velocity * command.push, 1.0, 0.1)]},
+            "must ask for `state` or for `command` alone",
+        ),
         (
             {"limits": [Below(lambda state: 1.0 if state.velocity > 0.0 else state.velocity, 1.0, 0.1)]},
             "choose by select",

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.common import gain_table
 from marsedl.design.pictures import Curve, over_time
 from marsedl.fly.laws import GainTable, _made
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
@@ -206,15 +207,10 @@ class Funnel:
     @property
     def table(self) -> GainTable:
         """The law over time, with which `marsedl.fly` flies; there commands are held over the guidance period."""
-        time, names = self.loop.time, self.dynamics.names
-        halves = np.interp(np.arange(2 * len(time) - 1) / 2, np.arange(len(time)), time)
-        columns = {"time": halves, **dict(zip(names["state"], self.loop.states.T, strict=True))}
-        for command, values, gains in zip(
-            names["command"], self.loop.controls.T, np.moveaxis(self.loop.gains, 1, 0), strict=True
-        ):
-            columns[command] = values
-            columns |= {f"{command}_per_{state}": gain for state, gain in zip(names["state"], gains.T, strict=True)}
-        return GainTable(columns, against="time")
+        loop, names = self.loop, self.dynamics.names
+        halves = np.interp(np.arange(2 * loop.steps + 1) / 2, np.arange(loop.steps + 1), loop.time)
+        states = dict(zip(names["state"], loop.states.T, strict=True))
+        return gain_table(halves, states, dict(zip(names["command"], loop.controls.T, strict=True)), loop.gains)
 
     @property
     def covers(self) -> str:
