@@ -264,14 +264,15 @@ def solve(
             the NamedTuples of command and noise, as flights have it. Names of state and command differ.
         p: parameters, a NamedTuple, or () if rates asks for none.
         times: bounds of the periods, equally spaced from 0, (N + 1,), s; N is at least 2.
-        start: mean (n,) and covariance (n, n) of the state.
-        goal: mean (n,), NaN where it is free, and the covariance (n, n) that the final one must not exceed, or None.
+        start: mean (n,) and covariance (n, n) of the state, or its standard deviations (n,).
+        goal: mean (n,), NaN where it is free, and the covariance (n, n) that the final one must not exceed, or its
+            standard deviations (n,), or None.
         guess: mean command to begin with, (m,) or (N, m).
         limits: `Below` and `Above` of `marsedl.fly`: a function of `state` or of `command` by its argument's name, or
             the name of a number of either; a value; the probability of violation at any one node, within (0, 0.5).
             A limit of states holds at the ends of all periods.
         cost: "effort", "fuel" or "covariance".
-        weights: R, (m, m); by default the identity.
+        weights: R, (m, m), or its diagonal; by default the identity.
         end_time: (earliest, latest), s: times are stretched so that the end is the one of least cost between them.
         substeps: integration steps in a period. iterations: largest number of cone programs.
         tolerance: change of commands and their deviations that counts as none, in units of the command that, held,
@@ -375,12 +376,17 @@ def _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps):
     )
     require(cost in COSTS, f"cost {cost!r} is unknown; {remedy(cost, COSTS)}")
     require(cost != "covariance" or goal[1] is not None, "cost 'covariance' needs the goal's covariance, its measure")
-    weights = _array("weights", np.eye(m) if weights is None else weights, (m, m))
+    weights = np.ones(m) if weights is None else weights
+    weights = _array("weights", np.diag(weights) if np.ndim(weights) == 1 else weights, (m, m))
     correlations("weights", weights)
     ends = []
     for what, (mean, covariance), free in (("start", start, False), ("goal", goal, True)):
         mean = _array(f"{what}: mean", mean, (n,), free)
         if covariance is not None or what == "start":
+            if np.ndim(covariance) == 1:
+                deviations = _array(f"{what}: deviations", covariance, (n,))
+                require((deviations >= 0.0).all(), f"{what}: deviations must not be negative, got {deviations}")
+                covariance = np.diag(deviations**2)
             covariance = _array(f"{what}: covariance", covariance, (n, n))
             correlations(f"{what}: covariance", covariance, definite=free)
         ends.append((mean, covariance))
