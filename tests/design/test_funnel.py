@@ -220,6 +220,8 @@ GOOD = {
         ({"weights": (np.eye(2), -ONE, np.eye(2))}, "control_weight"),
         ({"weights": (np.eye(3), ONE, np.eye(2))}, r"state_weight must have shape \(2, 2\)"),
         ({"command": still(np.zeros(11))}, "command must be a function of times"),
+        ({"command": [np.nan]}, "command must be a function of times .* or 1 finite numbers"),
+        ({"weights": ([1.0, 1.0], [-1.0], [1.0, 1.0])}, "control_weight"),
         ({"command": lambda at: np.zeros(len(at))}, r"command must return shape \(times, 1\), got \(11,\)"),
         ({"start": (0.0,)}, r"start must be 2 finite numbers, got \[0.0\]"),
         ({"start": (0.0, np.nan)}, "start must be 2 finite numbers"),

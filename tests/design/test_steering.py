@@ -38,7 +38,8 @@ def flown_by_arrays(name):
     case, law, rng = CASES[name], law_of(name), np.random.default_rng(3)
     vectors = in_vectors(case.rates, p=case.p)
     step, noises = case.times[1] / 4, len(vectors.names["noise"])
-    state = rng.multivariate_normal(*map(np.asarray, case.start), size=TRIALS).T
+    mean, deviations = case.start
+    state = rng.multivariate_normal(mean, np.diag(deviations) ** 2, size=TRIALS).T
     states, commands = [state], []
     for command, gain, mean in zip(law.command, law.gain, law.state[:-1], strict=True):
         commands.append(command[:, None] + gain @ (state - mean[:, None]))
@@ -61,7 +62,7 @@ def test_deviations_are_those_of_flights(name):
         np.testing.assert_allclose(numbers.std(axis=2)[varies], deviation[varies], rtol=0.03)
     miss = (law.state[-1] - CASES[name].goal[0]) / law.deviation[-1]
     assert np.nanmax(np.abs(miss)) < 0.02
-    bound = CASES[name].goal[1]
+    bound = np.diag(CASES[name].goal[1]) ** 2
     assert np.linalg.eigvals(np.linalg.solve(bound, law.covariance[-1])).real.max() < 1.01
 
 
@@ -323,6 +324,9 @@ def explodes(state, command: Push, noise: Gust) -> Line:
         ({"times": [0.0, 1.0]}, "in two periods at least"),
         ({"start": ([10.0], np.eye(2))}, r"start: mean must have shape \(2,\), not \(1,\)"),
         ({"start": ([10.0, np.nan], np.eye(2))}, "start: mean must be finite"),
+        ({"start": ([10.0, 0.0], [0.5])}, r"start: deviations must have shape \(2,\), not \(1,\)"),
+        ({"start": ([10.0, 0.0], [0.5, -0.1])}, "start: deviations must not be negative"),
+        ({"goal": ([0.0, 0.0], [1.0, 0.0])}, "goal: covariance must be positive definite"),
         ({"start": ([10.0, 0.0], np.array([[1.0, 2.0], [2.0, 1.0]]))}, "start: covariance must be positive semidef"),
         ({"start": ([10.0, 0.0], np.array([[1.0, 0.2], [0.0, 1.0]]))}, "start: covariance must be symmetric"),
         ({"goal": ([0.0, 0.0], np.diag([1.0, 0.0]))}, "goal: covariance must be positive definite"),
@@ -330,14 +334,18 @@ def explodes(state, command: Push, noise: Gust) -> Line:
         ({"guess": [0.0, 1.0]}, r"guess must be finite commands of shape \(1,\) or \(10, 1\): push"),
         ({"cost": "feul"}, "cost 'feul' is unknown; did you mean 'fuel'"),
         ({"cost": "covariance"}, "cost 'covariance' needs the goal's covariance"),
-        ({"weights": [1.0]}, r"weights must have shape \(1, 1\)"),
+        ({"weights": [1.0, 2.0]}, r"weights must have shape \(1, 1\)"),
         ({"end_time": (5.0, 2.0)}, "give the earliest and the latest time"),
         ({"limits": ["velocity"]}, r"limits\[0\] is 'velocity'; give Below"),
         ({"limits": [Below("velocity", 1.0)]}, r"limits\[0\]: its probability is None"),
         ({"limits": [Below("velocity", 1.0, 0.5)]}, r"within \(0, 0.5\)"),
         ({"limits": [Below("velocity", np.nan, 0.1)]}, "not a finite number"),
         ({"limits": [Below("speed", 1.0, 0.1)]}, "'speed' is unknown"),
-        ({"limits": [Below(lambda x: x, 1.0, 0.1)]}, "must ask for `state` or for `command`"),
+        ({"limits": [Below(lambda x: x, 1.0, 0.1)]}, r"asks for x; it may ask for state, command"),
+        (
+            {"limits": [Below(lambda state, command: state.velocity * command.push, 1.0, 0.1)]},
+            "must ask for `state` or for `command` alone",
+        ),
         (
             {"limits": [Below(lambda state: 1.0 if state.velocity > 0.0 else state.velocity, 1.0, 0.1)]},
             "choose by select",

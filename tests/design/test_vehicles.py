@@ -19,32 +19,28 @@ ANGLE = np.radians(0.05)
 CAPSULE_SIZES = np.array([400.0, 10.0, ANGLE, 1000.0])
 
 
-def held(*commands):
-    return lambda time: np.broadcast_to(commands, (len(time), len(commands)))
-
-
 # Rates, p with noise in its own unit, time, command, start, semi-axes, weights, disturbances.
 FUNNELS = {
     "line": (
-        *(v.line_rates, v.Pushed(1.0), np.linspace(0.0, 4.0, 81), held(0.1)),
-        *([0.0, 0.0], [0.5, 0.1], (np.eye(2), np.eye(1), np.eye(2)), v.Gust(0.05)),
+        *(v.line_rates, v.Pushed(1.0), np.linspace(0.0, 4.0, 81), [0.1]),
+        *([0.0, 0.0], [0.5, 0.1], ([1.0, 1.0], [1.0], [1.0, 1.0]), v.Gust(0.05)),
     ),
     "satellite": (
-        *(v.satellite_rates, v.Orbit(noise=1.0), np.linspace(0.0, 600.0, 61), held(0.0, 0.0)),
+        *(v.satellite_rates, v.Orbit(noise=1.0), np.linspace(0.0, 600.0, 61), [0.0, 0.0]),
         *([-400.0, -2000.0, 0.0, 0.7], [20.0, 20.0, 0.05, 0.05]),
-        (np.diag([1e-4, 1e-4, 1.0, 1.0]), 100.0 * np.eye(2), np.diag([0.06, 0.06, 600.0, 600.0])),
+        ([1e-4, 1e-4, 1.0, 1.0], [100.0, 100.0], [0.06, 0.06, 600.0, 600.0]),
         v.Jets(1e-4, 1e-4),
     ),
     "car": (
-        *(v.car_rates, v.Road(1.0, 1.0), np.linspace(0.0, 4.0, 81), held(0.02, 0.2)),
+        *(v.car_rates, v.Road(1.0, 1.0), np.linspace(0.0, 4.0, 81), [0.02, 0.2]),
         *([0.0, 0.0, 0.0, 8.0], [0.3, 0.3, 0.05, 0.2]),
-        (np.diag([1.0, 1.0, 10.0, 1.0]), np.diag([100.0, 1.0]), np.diag([1.0, 1.0, 10.0, 1.0])),
+        ([1.0, 1.0, 10.0, 1.0], [100.0, 1.0], [1.0, 1.0, 10.0, 1.0]),
         v.Wheels(0.02, 0.1),
     ),
     "capsule": (
-        *(v.capsule_rates, v.Capsule(density_noise=1.0), np.linspace(0.0, 60.0, 61), held(0.14)),
+        *(v.capsule_rates, v.Capsule(density_noise=1.0), np.linspace(0.0, 60.0, 61), [0.14]),
         *([60e3, 5300.0, np.radians(-10.0), 0.0], CAPSULE_SIZES),
-        (np.diag(CAPSULE_SIZES**-2) / 150.0, np.eye(1) / 1.5, np.diag(CAPSULE_SIZES**-2)),
+        (CAPSULE_SIZES**-2 / 150.0, [1.0 / 1.5], CAPSULE_SIZES**-2),
         v.Density(0.02),
     ),
 }

@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.common import gain_table
 from marsedl.design.pictures import Curve, over_time
+from marsedl.fly.declared import is_number
 from marsedl.fly.generated import generated
 from marsedl.fly.laws import GainTable
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
@@ -63,10 +65,10 @@ def funnel(
             tell the NamedTuples. Limits are written by `select` and `clip` of `marsedl.elementary`.
         p: parameters, a NamedTuple, or ().
         time: of the nodes, (n + 1,), s, from 0; a step of Runge and Kutta lies between two nodes.
-        command: function of times (k,), s, that returns commands (k, m).
+        command: function of times (k,), s, that returns commands (k, m); or commands that do not change, (m,).
         start: state where the reference starts, (nx,).
         semi_axes: of the ellipsoid of deviations at the start, (nx,), in the units of the states.
-        weights: Q (nx, nx), R (m, m), both per second, and Qf (nx, nx) of the regulator's cost.
+        weights: Q (nx, nx), R (m, m), both per second, and Qf (nx, nx) of the regulator's cost, or their diagonals.
         disturbances: NamedTuple of the noise with the largest magnitude of each of its numbers; None for `rates` that
             ask for none.
         vehicle: NamedTuple of numbers, where `rates` asks for it.
@@ -102,7 +104,14 @@ def funnel(
         words = "finite" if name == "start" else "positive"
         require(shape == (size,) and good, f"{name} must be {size} {words} numbers, got {np.array(value).tolist()}")
 
-    require(callable(command), "command must be a function of times (k,) that returns commands (k, m)")
+    require(
+        callable(command) or (np.shape(command) == (m,) and all(map(is_number, command))),
+        f"command must be a function of times (k,) that returns commands (k, {m}), or {m} finite numbers",
+    )
+    if not callable(command):
+        steady = np.array(command, float)
+        command = lambda at: np.broadcast_to(steady, (len(at), m))  # noqa: E731
+    weights = [np.diag(weight) if np.ndim(weight) == 1 else weight for weight in weights]
     shape = np.shape(command(time))
     require(shape == (len(time), m), f"command must return shape (times, {m}), got {shape} of {len(time)} times")
     calm = [0.0] * q
@@ -207,15 +216,10 @@ class Funnel:
     @property
     def table(self) -> GainTable:
         """The law over time, with which `marsedl.fly` flies; there commands are held over the guidance period."""
-        time, names = self.loop.time, self.dynamics.names
-        halves = np.interp(np.arange(2 * len(time) - 1) / 2, np.arange(len(time)), time)
-        columns = {"time": halves, **dict(zip(names["state"], self.loop.states.T, strict=True))}
-        for command, values, gains in zip(
-            names["command"], self.loop.controls.T, np.moveaxis(self.loop.gains, 1, 0), strict=True
-        ):
-            columns[command] = values
-            columns |= {f"{command}_per_{state}": gain for state, gain in zip(names["state"], gains.T, strict=True)}
-        return GainTable(columns, against="time")
+        loop, names = self.loop, self.dynamics.names
+        halves = np.interp(np.arange(2 * loop.steps + 1) / 2, np.arange(loop.steps + 1), loop.time)
+        states = dict(zip(names["state"], loop.states.T, strict=True))
+        return gain_table(halves, states, dict(zip(names["command"], loop.controls.T, strict=True)), loop.gains)
 
     @property
     def covers(self) -> str:

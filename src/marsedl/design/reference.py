@@ -8,17 +8,16 @@
 `rates` is that of flights (`montecarlo.flights`), and so is whatever it asks for; `noise` is zero here.
 """
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.common import Limit, answer, asked, declared
 from marsedl.design.pictures import Curve, over_time
-from marsedl.fly.declared import Above, Below, is_number
+from marsedl.fly.declared import is_number
 from marsedl.methods.collocation import Condition, Guess, Problem, Program, Solution, Variable
 from marsedl.methods.linearization import symbol_kind, symbols_in_numpy
 from marsedl.methods.step_map import VectorRates, in_vectors
@@ -92,15 +91,6 @@ def optimal(
     led = np.isnan(task.goal) & np.isfinite(flown).all(axis=0)
     line = np.linspace(task.start, np.where(np.isnan(task.goal), task.start, task.goal), intervals + 1)
     return task.reference(program.solve(Guess(np.where(led, flown, line), commands, middle)), substeps)
-
-
-class Limit(NamedTuple):
-    """What stays between two bounds."""
-
-    words: str
-    function: Callable  # of what it asks for
-    lower: float
-    upper: float
 
 
 class Task(NamedTuple):
@@ -193,10 +183,8 @@ class Task(NamedTuple):
             return answer(self.objective, self.vectors.fixed | {"end": state})
 
         def condition(limit):
-            size = max(abs(bound) for bound in (limit.lower, limit.upper) if np.isfinite(bound)) or 1.0
-            return Condition(
-                limit.words, lambda *numbers: answer(limit.function, offered(numbers)), limit.lower, limit.upper, size
-            )
+            bounds = (-np.inf, limit.value) if limit.sign > 0.0 else (limit.value, np.inf)
+            return Condition(limit.text, lambda *numbers: limit.of(offered(numbers)), *bounds, abs(limit.value) or 1.0)
 
         at_end = "end" in asked(self.objective)
         variables = [Variable(name, self.scales[name]) for name in self.names]
@@ -252,36 +240,14 @@ def _declared(vectors, start, goal, time, objective, limits) -> Task:
         valid = ("end", *vectors.fixed) if "end" in asked(objective) else (*offered, "end")
         require(name in valid, f"{described(objective)} asks for {name!r}; {remedy(name, valid)}")
     task = Task(vectors, start, goal, (float(low), float(high)), objective, (), {})
-    bounds = tuple(_limit(number, given, task, offered) for number, given in enumerate(limits, 1))
+    members = {name: "state" if name in start._fields else "command" for name in task.names}
+    bounds = tuple(declared(number, given, members, offered) for number, given in enumerate(limits))
     for limit, (what, state) in product(bounds, (("start", start), ("goal", goal))):
-        if "command" not in asked(limit.function) and np.isfinite(state).all():
-            value = float(answer(limit.function, vectors.fixed | {"state": state}))
-            size = ROUNDING * max(1.0, abs(value))
-            holds = limit.lower - size <= value <= limit.upper + size
-            require(holds, f"{what} violates a limit: {limit.words}, and it is {value:.6g} there")
+        if "command" not in limit.asks and np.isfinite(state).all():
+            value = float(limit.of(vectors.fixed | {"state": state}))
+            holds = limit.sign * (value - limit.value) <= ROUNDING * max(1.0, abs(value))
+            require(holds, f"{what} violates {limit.text}, and it is {value:.6g} there")
     return task._replace(limits=bounds)
-
-
-def _limit(number, given, task, offered) -> Limit:
-    """A limit, checked."""
-    require(isinstance(given, Below | Above), f"limit {given!r}; give Below(...) or Above(...)")
-    require(is_number(given.value), f"limit {given!r}: its value must be a finite number")
-    function = given.quantity
-    if not callable(function):
-        require(function in task.names, f"limit of {function!r}: {remedy(function, task.names)}")
-        read = attrgetter(function.removeprefix("command."))
-        function = (
-            (lambda state: read(state)) if given.quantity in task.start._fields else (lambda command: read(command))
-        )
-    words = getattr(given.quantity, "__name__", given.quantity)
-    words = f"limit {number}, {words} {'below' if isinstance(given, Below) else 'above'} {given.value:g}"
-    names = asked(function)
-    require(
-        names and {*names} <= {*offered},
-        f"{words}: it asks for {', '.join(names) or 'nothing'}; it may ask for {', '.join(offered)}",
-    )
-    value = float(given.value)
-    return Limit(words, function, *((-np.inf, value) if isinstance(given, Below) else (value, np.inf)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,13 +314,3 @@ def _named(kind, given, what):
         f"{what} must be {len(names)} numbers, {', '.join(names)}, not of shape {np.shape(given)}",
     )
     return kind(*map(float, given))
-
-
-def asked(function):
-    """Names of what a function asks for."""
-    return tuple(inspect.signature(function).parameters)
-
-
-def answer(function, offered):
-    """What a function makes of what it asks for."""
-    return function(*(offered[name] for name in asked(function)))

@@ -27,8 +27,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.common import asked, declared, gain_table
 from marsedl.design.pictures import Curve, over_time
-from marsedl.fly import Above, Below, Flights, GainTable, Model, MultivariateNormal, fly
+from marsedl.fly import Flights, GainTable, Model, MultivariateNormal, fly
 from marsedl.methods.covariance_steering import block_program
 from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.convexification import Step, successive_convexification
@@ -130,11 +131,8 @@ class Law:
     def table(self) -> GainTable:
         """The law for `marsedl.fly`: a table against the time, read where a period begins."""
         names = self.task.vectors.names
-        columns = {"time": self.time[:-1]} | dict(zip(names["command"], self.command.T, strict=True))
-        columns |= dict(zip(names["state"], self.state[:-1].T, strict=True))
-        pairs = itertools.product(enumerate(names["command"]), enumerate(names["state"]))
-        columns |= {f"{command}_per_{state}": self.gain[:, j, i] for (j, command), (i, state) in pairs}
-        return GainTable(columns, against="time")
+        states = dict(zip(names["state"], self.state[:-1].T, strict=True))
+        return gain_table(self.time[:-1], states, dict(zip(names["command"], self.command.T, strict=True)), self.gain)
 
     @cached_property
     def model(self) -> Model:
@@ -203,8 +201,8 @@ class Law:
         for limit in self.task.limits:
             means, covariances = self._normal(limit)
             excess = [limit.excess(_normals(*of_node)) for of_node in zip(means, covariances, strict=True)]
-            asked = np.quantile(excess, 1.0 - limit.probability, axis=1)
-            rows = ("mean", limit.excess(means.T), "-"), ("percentile asked for", asked, "-.")
+            percentile = np.quantile(excess, 1.0 - limit.probability, axis=1)
+            rows = ("mean", limit.excess(means.T), "-"), ("percentile asked for", percentile, "-.")
             for label, beyond, style in (*rows, ("limit", np.zeros(len(means)), "k--")):
                 curves.append(Curve(limit.text, label, self.time, limit.value + limit.sign * beyond, style=style))
         return over_time(curves, units or {})
@@ -266,14 +264,15 @@ def solve(
             the NamedTuples of command and noise, as flights have it. Names of state and command differ.
         p: parameters, a NamedTuple, or () if rates asks for none.
         times: bounds of the periods, equally spaced from 0, (N + 1,), s; N is at least 2.
-        start: mean (n,) and covariance (n, n) of the state.
-        goal: mean (n,), NaN where it is free, and the covariance (n, n) that the final one must not exceed, or None.
+        start: mean (n,) and covariance (n, n) of the state, or its standard deviations (n,).
+        goal: mean (n,), NaN where it is free, and the covariance (n, n) that the final one must not exceed, or its
+            standard deviations (n,), or None.
         guess: mean command to begin with, (m,) or (N, m).
         limits: `Below` and `Above` of `marsedl.fly`: a function of `state` or of `command` by its argument's name, or
             the name of a number of either; a value; the probability of violation at any one node, within (0, 0.5).
             A limit of states holds at the ends of all periods.
         cost: "effort", "fuel" or "covariance".
-        weights: R, (m, m); by default the identity.
+        weights: R, (m, m), or its diagonal; by default the identity.
         end_time: (earliest, latest), s: times are stretched so that the end is the one of least cost between them.
         substeps: integration steps in a period. iterations: largest number of cone programs.
         tolerance: change of commands and their deviations that counts as none, in units of the command that, held,
@@ -352,18 +351,16 @@ class _Task(NamedTuple):
 
 def _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps):
     """What is asked, checked, and the flight of the guess. Raises ValueError as `solve`."""
-    import inspect
-
-    asked = inspect.signature(rates).parameters
-    for name in asked:
+    arguments = asked(rates)
+    for name in arguments:
         require(
             name in ASKED,
             f"{described(rates)} asks for {name!r}, of which a design does not know; {remedy(name, ASKED)}; numbers of "
             "the nominal vehicle belong to p",
         )
-    require("p" in asked or p == (), f"{described(rates)} does not ask for p: give () in its place")
-    require("command" in asked, f"{described(rates)} asks for no command, so that nothing can be steered")
-    vectors = in_vectors(rates, **({"p": p} if "p" in asked else {}))
+    require("p" in arguments or p == (), f"{described(rates)} does not ask for p: give () in its place")
+    require("command" in arguments, f"{described(rates)} asks for no command, so that nothing can be steered")
+    vectors = in_vectors(rates, **({"p": p} if "p" in arguments else {}))
     names = vectors.names
     shared = sorted({*names["state"]} & {*names["command"]})
     require(not shared, f"state and command both have {', '.join(shared)}: give their numbers names that differ")
@@ -379,12 +376,17 @@ def _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps):
     )
     require(cost in COSTS, f"cost {cost!r} is unknown; {remedy(cost, COSTS)}")
     require(cost != "covariance" or goal[1] is not None, "cost 'covariance' needs the goal's covariance, its measure")
-    weights = _array("weights", np.eye(m) if weights is None else weights, (m, m))
+    weights = np.ones(m) if weights is None else weights
+    weights = _array("weights", np.diag(weights) if np.ndim(weights) == 1 else weights, (m, m))
     correlations("weights", weights)
     ends = []
     for what, (mean, covariance), free in (("start", start, False), ("goal", goal, True)):
         mean = _array(f"{what}: mean", mean, (n,), free)
         if covariance is not None or what == "start":
+            if np.ndim(covariance) == 1:
+                deviations = _array(f"{what}: deviations", covariance, (n,))
+                require((deviations >= 0.0).all(), f"{what}: deviations must not be negative, got {deviations}")
+                covariance = np.diag(deviations**2)
             covariance = _array(f"{what}: covariance", covariance, (n, n))
             correlations(f"{what}: covariance", covariance, definite=free)
         ends.append((mean, covariance))
@@ -410,29 +412,18 @@ def _array(what, value, shape, free=False):
 
 def _limit(number, limit, vectors):
     """A limit, checked."""
-    import inspect
-
-    what = f"limits[{number}]"
-    require(isinstance(limit, Below | Above), f"{what} is {limit!r}; give Below(...) or Above(...) of marsedl.fly")
-    quantity, value, probability = limit
+    kinds = {part: vectors.kinds[part] for part in ("state", "command")}
+    members = {name: part for part, kind in kinds.items() for name in kind._fields}
+    text, quantity, asks, value, sign = declared(number, limit, members, kinds)
+    probability = limit.probability
     require(
         isinstance(probability, float) and 0.0 < probability < 0.5,
-        f"{what}: its probability is {probability!r}; give that of its violation at a node, within (0, 0.5)",
+        f"limits[{number}]: its probability is {probability!r}; give that of its violation at a node, within (0, 0.5)",
     )
-    require(np.ndim(value) == 0 and np.isfinite(value), f"{what}: its value is {value!r}, not a finite number")
-    kinds, shown = {part: vectors.kinds[part] for part in ("state", "command")}, quantity
-    if isinstance(quantity, str):
-        of = {name: part for part, kind in kinds.items() for name in kind._fields}
-        require(quantity in of, f"{what}: {quantity!r} is unknown; {remedy(quantity, of)}")
-        part, function = of[quantity], lambda numbers: getattr(numbers, quantity)
-    else:
-        part, function = "".join(inspect.signature(quantity).parameters), quantity
-        require(part in kinds, f"{what}: {described(quantity)} must ask for `state` or for `command`, and nothing else")
-        shown = f"{quantity.__name__} of the {part}".replace("<lambda>", "a function")
-    word, sign = ("below", 1.0) if isinstance(limit, Below) else ("above", -1.0)
-    text = f"{what}, {shown} {word} {value:g}"
-    checked = _Limit(text, part, kinds[part], function, float(value), sign, probability, np.zeros((0, 0)))
-    return checked._replace(normals=_sides(checked) if sign > 0.0 else np.zeros((0, len(kinds[part]._fields))))
+    require(len(asks) == 1, f"limits[{number}]: {described(quantity)} must ask for `state` or for `command` alone")
+    kind = kinds[asks[0]]
+    checked = _Limit(text, asks[0], kind, quantity, value, sign, probability, np.zeros((0, len(kind._fields))))
+    return checked._replace(normals=_sides(checked)) if sign > 0.0 else checked
 
 
 def _value(limit, numbers):
