@@ -184,6 +184,21 @@ def ranks(shown: Shown):
     return table([[row[name] for name in columns] for row in rows], columns)
 
 
+def laws(shown: Shown):
+    """The laws, and how they differ."""
+    rows = []
+    for name, one in shown.scenario.residents.items():
+        bounds = [f"{number} from {low:g} to {high:g}" for number, (low, high) in one.tuned.items()]
+        rows.append((name, one.words, one.differs, ", ".join(bounds)))
+    columns = {
+        "law": Column(),
+        "what it is": Column(),
+        "differs": Column(meaning="what of limits, partition, linear model or lateral logic is not that of the others"),
+        "tuned": Column(meaning="numbers that are tuned, between which bounds"),
+    }
+    return table(rows, columns)
+
+
 def pairs(shown: Shown):
     """Differences of two laws in the same trials."""
     columns = {"condition": Column(), "first": Column(), "second": Column()}
@@ -303,7 +318,7 @@ def tuning(shown: Shown):
     return table(rows, columns)
 
 
-TABLES = {one.__name__: one for one in (ranks, pairs, efforts, sources, explained, needed, tuning)}
+TABLES = {one.__name__: one for one in (ranks, laws, pairs, efforts, sources, explained, needed, tuning)}
 
 
 def write(shown: Shown, declared: Arena, output) -> None:

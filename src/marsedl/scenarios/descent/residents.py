@@ -22,7 +22,7 @@ from marsedl.scenarios.scenario import Resident
 __all__ = ["RESIDENTS"]
 
 PERIODS = 20  # over each of which the cone program holds a command
-CHANCE = 0.001  # with which it may break a limit at one time
+CHANCE = 0.001  # with which it may break a limit at one time: a calibration, as with 0.01 flights were seen to topple
 ROUNDING = 1e-6  # s
 
 # ---- tables over time ------------------------------------------------------------------------------------------------

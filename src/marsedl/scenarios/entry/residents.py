@@ -43,10 +43,18 @@ def apollo(onboard, overcontrol=None):
     return law_of(onboard, table)
 
 
-def stochastic(onboard):
-    """Least final range error under chance constraints by the Lagrange dual, against time, for the velocity trigger."""
-    table = gains.law(onboard.given.guidance, onboard.linearization, onboard.gains, "stochastic_velocity")
-    return law_of(onboard, table)
+def stochastic(onboard, control_weight=1.0, limits=1.0):
+    """Least final range error under chance constraints by the Lagrange dual, against time, for the velocity trigger.
+
+    control_weight: over that of the paper. limits: of the final altitude and path angle, over those of the paper.
+    """
+    given, computed = onboard.given, onboard.gains
+    if (control_weight, limits) != (1.0, 1.0):
+        design = given.design
+        changed = {name: limits * getattr(design, name) for name in ("altitude_limit", "flight_path_angle_limit")}
+        design = design.model_copy(update=changed | {"control_weight": control_weight * design.control_weight})
+        computed = gains.compute(given.guidance, design, onboard.linearization)
+    return law_of(onboard, gains.law(given.guidance, onboard.linearization, computed, "stochastic_velocity"))
 
 
 def regulator(onboard, control_weight=1.0, range_weight=1.0):
@@ -133,7 +141,9 @@ def by_time(onboard, gain, interval=None):
 RESIDENTS = {
     "no_feedback": Resident("the nominal bank profile", no_feedback),
     "apollo": Resident("Apollo final phase", apollo, {"overcontrol": (1.0, 10.0)}),
-    "stochastic": Resident("stochastic entry guidance", stochastic),
+    "stochastic": Resident(
+        "stochastic entry guidance", stochastic, {"control_weight": (0.1, 1e3), "limits": (0.5, 4.0)}
+    ),
     "regulator": Resident(
         "linear-quadratic regulator", regulator, {"control_weight": (1e-3, 1e3), "range_weight": (1e-3, 1e3)}
     ),
