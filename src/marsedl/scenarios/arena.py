@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.fly.flights import Flights
+from marsedl.replication.errors import MarsedlError
 from marsedl.scenarios.ranking import Estimate, paired, places, summary_of
 from marsedl.scenarios.scenario import POOLS, Resident, Scenario
 
@@ -87,7 +88,7 @@ def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights
     for numbers in tries:
         try:
             law = resident.design(scenario.onboard, **numbers)
-        except ValueError:
+        except (ValueError, MarsedlError):
             found.append(Try(numbers, np.nan, np.nan))
             continue
         scores = flown(scenario, law, condition, POOLS["tuning"], 0, max(flights // TUNING_TRIES, 1))

@@ -142,7 +142,7 @@ RESIDENTS = {
     "no_feedback": Resident("the nominal bank profile", no_feedback),
     "apollo": Resident("Apollo final phase", apollo, {"overcontrol": (1.0, 10.0)}),
     "stochastic": Resident(
-        "stochastic entry guidance", stochastic, {"control_weight": (0.1, 1e3), "limits": (0.5, 4.0)}
+        "stochastic entry guidance", stochastic, {"control_weight": (0.1, 1e3), "limits": (0.8, 4.0)}
     ),
     "regulator": Resident(
         "linear-quadratic regulator", regulator, {"control_weight": (1e-3, 1e3), "range_weight": (1e-3, 1e3)}
