@@ -1,6 +1,6 @@
-"""Benchmarks of every paper, of the front door of flights, and of builds that have little to do.
+"""Benchmarks of every paper, of the front door of flights, of the doors of design, and of builds with little to do.
 
-`python bench/run.py [paper or front_door ...]`.
+`python bench/run.py [paper, front_door or doors ...]`.
 
 What is claimed are ratios, measured in one run by interleaved repetitions, with medians; one thread unless it says
 otherwise. Prints a table and writes it to `data/reference/benchmarks.csv`, where the rows of papers that were not asked
@@ -29,8 +29,8 @@ from marsedl.papers import SLUGS  # noqa: E402
 from marsedl.replication.errors import nearest  # noqa: E402
 from marsedl.replication.terminal import columns  # noqa: E402
 
-FRONT_DOOR = "front_door"
-ALL = (*SLUGS, FRONT_DOOR)
+OWN = ("front_door", "doors")  # of one's own vehicle
+ALL = (*SLUGS, *OWN)
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"
 ONE_FIGURE = "Median CPU time of three runs that draw one figure, less that of one with nothing to do; our own target."
 
@@ -61,7 +61,7 @@ def main(slugs):
     for slug in slugs:
         print(f"{slug}: design and flights ...", file=sys.stderr, flush=True)
         import_module(slug).measure(partial(add_row, rows, slug))
-    measure_builds(rows, [slug for slug in slugs if slug != FRONT_DOOR])
+    measure_builds(rows, [slug for slug in slugs if slug not in OWN])
     old, new = pd.read_csv(OUTPUT, dtype=str, keep_default_na=False), pd.DataFrame(rows, columns=HEADER)
     table = pd.concat([old[~old["paper"].isin(new["paper"])], new])
     table = table.sort_values("paper", key=lambda of: of.map((*ALL, "all").index), kind="stable")

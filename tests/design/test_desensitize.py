@@ -90,6 +90,17 @@ def test_weights_trade_the_objective_for_what_an_error_does_in_flight(least, rob
     assert abs(table.loc[3, "flown"]) < 0.2 * abs(table.loc[0, "flown"])
 
 
+def test_pictures_show_the_trade_and_the_trajectory(least, robust):
+    (panel,) = robust.picture({"position": "m"}).axes
+    assert panel.get_title(loc="left") == "position (m), moved by drag"
+    np.testing.assert_array_equal(panel.lines[1].get_ydata(), robust.table["flown"].abs())
+    panels = least.picture({"thrust": "m/s^2"}).axes
+    assert [one.get_title(loc="left") for one in panels] == ["position", "speed", "thrust (m/s^2)"]
+    held = panels[2].lines[0]
+    np.testing.assert_array_equal(held.get_ydata()[::2], least.commands.thrust)
+    np.testing.assert_array_equal(held.get_xdata()[[0, 1, -1]], least.time[[0, 1, -1]])
+
+
 def test_an_objective_of_the_end_is_told_without_the_sensitivities():
     limits = [Below("thrust", 1.0), Above("thrust", -1.0)]
     far = optimal(rates, Sled(), (0.0, 0.0), (np.nan, 0.0), 20.0, lambda end: -end.position, limits, (0.5,))

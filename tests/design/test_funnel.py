@@ -171,8 +171,11 @@ def test_no_flight_of_a_hundred_thousand_leaves_a_proven_funnel(pendulum):
 
 
 def test_picture_shows_every_state(water):
-    panels = water[1].picture().axes
-    assert [panel.get_ylabel() for panel in panels] == ["across", "heading", "turning"]
+    tube = water[1]
+    panels = tube.picture({"across": "m"}).axes
+    assert [panel.get_title(loc="left") for panel in panels] == ["across (m)", "heading", "turning"]
+    band = panels[0].collections[0].get_paths()[0].vertices[:, 1]
+    np.testing.assert_allclose(band.max(), (tube.loop.states[2 * tube.nodes, 0] + tube.half_widths[:, 0]).max())
 
 
 def with_time(state, command: Pull, time) -> Motion:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize_scalar
+from scipy.stats import norm
 
 from marsedl.design import steering
 from marsedl.fly import Above, Below
@@ -85,6 +86,16 @@ def test_flights_of_the_engine_say_what_was_asked_predicted_and_flown():
     assert active["lower"] < active["predicted"] < active["upper"]
     assert "limits[0]" in repr(flown)
     assert list(law.active) == ["limits[0], a function of the command below 0.6", "goal, covariance"]
+
+
+def test_picture_shows_states_commands_and_limits_with_their_percentiles():
+    law = law_of("line")
+    panels = {panel.get_title(loc="left"): panel for panel in law.picture({"position": "m"}).axes}
+    assert list(panels)[:3] == ["position (m)", "velocity", "push"]
+    mean, percentile, limit = (curve.get_ydata() for curve in panels["limits[1], velocity above -1.7"].lines)
+    np.testing.assert_allclose(mean, law.state[:, 1], atol=1e-12)
+    np.testing.assert_allclose(percentile, mean - norm.isf(0.02) * law.deviation[:, 1], atol=1e-3)
+    assert (limit == -1.7).all() and (percentile > limit).all(), "it is not active"
 
 
 def curved(state, command: Push, noise: Gust) -> Line:
@@ -168,6 +179,22 @@ def test_powered_descent_is_steered_as_by_the_paper():
     # White noise is held over integration steps, of which there are 16 in a period.
     assert spread == pytest.approx(covariance_certificate(problem, 25).cost, rel=2e-3)
     np.testing.assert_allclose(law.covariance[-1], end_covariance, atol=2e-3)
+
+
+def test_a_linear_vehicle_without_limits_takes_one_program(monkeypatch):
+    programs, plain = [], steering.block_program.solve
+
+    def counted(*arguments, **options):
+        programs.append(arguments)
+        return plain(*arguments, **options)
+
+    monkeypatch.setattr(steering.block_program, "solve", counted)
+    law = on_line()
+    assert len(programs) == 1 and law.outcome == "converged"
+    assert law.iterations[-1].change == 0.0
+    np.testing.assert_allclose(law.state[-1], [0.0, 0.0], atol=1e-6)
+    on_line(times=np.linspace(0.0, 10.0, 6), limits=[Above("velocity", -2.0, 0.1)])
+    assert len(programs) > 2  # a limit's bound is that of the iteration before
 
 
 # ---- costs -----------------------------------------------------------------------------------------------------------

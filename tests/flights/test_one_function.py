@@ -72,10 +72,11 @@ def models():
         dynamics.lander_rates,
         {
             "state": (dynamics.LanderState, LANDER),
+            "before": (dynamics.LanderState, LANDER),
             "command": (dynamics.Thrust, thrust),
             "noise": (dynamics.Disturbance, {"downrange": noise, "vertical": noise}),
         },
-        {"p": lander.p, "vehicle": lander.vehicle},
+        {"p": lander.p, "vehicle": lander.vehicle, "step": 0.1},
     )
     place = {"radius": (RADIUS, RADIUS + 130e3), "velocity": ENTRY["velocity"], "path_angle": (-1.2, 1.2)}
     yield (

@@ -257,7 +257,7 @@ def test_an_entry_flies_its_bank_as_scipy_flies_it():
 
     vehicle = Entry(115.0, 0.24, bank_rate_deg=10.0, lag=0.5, delay=2.0)
     flights = fly(vehicle, CAPSULE, law=reversal, trigger=Below("velocity", 3500.0), end_time=90.0, trials=1,
-                  substeps=8, compiled=False)  # fmt: skip
+                  substeps=8, history=7.0, compiled=False)  # fmt: skip
     one, p, rate = flights.replay(0), flights.campaign.p, np.deg2rad(10.0)
     reversed_at = one.history.index[one.history["commanded_bank"] < 0.0][0] + 2.0
     assert one.history["bank"].loc[reversed_at] == 1.2
@@ -283,6 +283,8 @@ def test_an_entry_flies_its_bank_as_scipy_flies_it():
     assert one.final["velocity"] == pytest.approx(3500.0) and one.history["bank"].iloc[-1] == one.final["bank"]
     assert one.final["saturated_bank"] == np.ceil(one.final["end_time"] - reversed_at) < 13  # of 2.4 rad / 10 deg/s
     data = flights.to_xarray()
+    last = data[["bank_history", "commanded_bank_history"]].isel(trial=0, time=int(one.final["end_time"] // 7.0) + 1)
+    assert last["bank_history"] == one.final["bank"] and last["commanded_bank_history"] == -1.2
     assert data["saturated_bank"].attrs["long_name"].startswith("guidance periods in which limits kept bank")
 
 
@@ -311,9 +313,8 @@ def test_a_lander_throttles_and_tilts_as_scipy_flies_it():
 
     def slope(time, numbers):
         body = dynamics.LanderVehicle(220.0, 2000.0, 9000.0, 1.0)
-        return dynamics.lander_rates(
-            dynamics.LanderState(*numbers), thrust(time), body, dynamics.Disturbance(0.0, 0.0), p
-        )
+        state, calm = dynamics.LanderState(*numbers), dynamics.Disturbance(0.0, 0.0)
+        return dynamics.lander_rates(state, state, 1e-3, thrust(time), body, calm, p)
 
     scipy = solve_ivp(slope, (0.0, 15.0), [*LANDS.values()], rtol=1e-10, atol=1e-9, max_step=0.02)
     for row, name in enumerate(LANDS):
@@ -324,6 +325,25 @@ def test_a_lander_throttles_and_tilts_as_scipy_flies_it():
     # Cut at both ends, but for what fits: the thrust always, the tilt until it is commanded within its limits.
     assert one.final["saturated_thrust"] == 15.0
     assert one.final["saturated_tilt"] == begun + 2.0  # 24.2 degrees at 10 a second
+
+
+@pytest.mark.parametrize("substeps", [1, 7])
+def test_a_throttled_lander_burns_no_more_propellant_than_it_has(substeps):
+    vehicle = Lander(9000.0, 220.0, throttle_rate=3000.0, lag=0.2, dry_mass=890.0, gravity=0.0, ground=None)
+    with pytest.warns(UserWarning, match="out of propellant"):
+        flights = fly(
+            vehicle,
+            LANDS,
+            law=lambda time: (0.0, 2000.0 + 1000.0 * (time % 3.0)),
+            end_time=15.0,
+            trials=1,
+            substeps=substeps,
+            compiled=False,
+        )
+    masses = flights.replay(0).history["mass"]
+    assert masses.min() >= 890.0 * (1.0 - 1e-9) and flights.final["mass"] <= 890.0 * (1.0 + 1e-9)
+    speed = 220.0 * 9.80665 * np.log(900.0 / 890.0) - 10.0  # whatever the thrust was
+    np.testing.assert_allclose(flights.final["vertical_velocity"], speed, rtol=1e-6 / substeps**2)  # thrust has kinks
 
 
 def test_thrust_that_is_off_stays_off():

@@ -300,9 +300,12 @@ def test_arrays_are_labelled(flights):
     assert (data["range"].values == flights.final["range"]).all()
     assert flights.to_pandas().loc[7, "altitude"] == flights.final["altitude"][7]
     history = fly(PROBE, law=guide, trials=5, seed=5, history=5.0, **DROP).to_xarray()
-    one = fly(PROBE, law=guide, trials=5, seed=5, **DROP).replay(4).history
+    one = fly(PROBE, law=guide, trials=5, seed=5, **DROP).replay(4)
     flown = history["altitude_history"].sel(trial=4).dropna("time")
-    assert (one.loc[flown["time"].values, "altitude"] == flown.values).all()
+    *times, last = flown["time"].values
+    assert (one.history.loc[times, "altitude"] == flown.values[:-1]).all()
+    assert flown.values[-1] == one.final["altitude"] and last == 5.0 * np.ceil(one.final["end_time"] / 5.0)
+    assert history["up_history"].sel(trial=4, time=last) == one.history["up"].iloc[-1]
     assert history["time"].attrs["units"] == "s"
 
 

@@ -105,11 +105,13 @@ def test_a_condition_has_its_share_and_interval_and_says_what_is_left_out():
     true = int((flights.drawn["start_altitude"][counted] < 50.0).sum())
     interval = binomtest(true, int(counted.sum())).proportion_ci(0.95)
     assert (found["value"], found["lower"], found["upper"]) == (true / counted.sum(), interval.low, interval.high)
-    assert found["note"] == f"{(~counted).sum()} out of time of 500 flights left out"
+    assert (found["flights"], found["left_out"]) == (counted.sum(), 500 - counted.sum())
+    assert found.round(2).attrs["note"] == f"{(~counted).sum()} out of time of 500 flights left out"
+    assert found.round(2)["lower"] == round(interval.low, 2)
     assert flights.left_out().index.tolist() == np.flatnonzero(~counted).tolist()
     assert (flights.left_out()["outcome"] == "out of time").all()
     shares = flights.explains("start_altitude")
-    assert (shares["note"] == found["note"]).all() or counted.sum() < 400
+    assert (shares["note"] == found.attrs["note"]).all() or counted.sum() < 400
 
 
 def test_a_derived_quantity_is_asked_as_others_are(falls):

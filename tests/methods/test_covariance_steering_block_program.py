@@ -24,6 +24,7 @@ from marsedl.methods.covariance_steering.block_program import (
 )
 from marsedl.methods.covariance_steering.chance import upper_quantile
 from marsedl.methods.covariance_steering.history_feedback import history_program
+from marsedl.methods.covariance_steering.steering_program import present_gains
 
 THREE_SIGMA = (1 - 0.9973) / 2
 
@@ -553,3 +554,19 @@ def test_a_law_tells_the_status_the_attempt_and_the_rule_by_which_it_counts(monk
 def test_bad_input_is_refused(rich, make, message):
     with pytest.raises(ValueError, match=message):
         make(rich)
+
+
+def test_of_white_disturbances_the_present_state_says_all():
+    """The feedback of all history and that of the present state have the same covariances; of others they have not."""
+    for white in (True, False):
+        system = random_system(5)
+        intervals, n, m = system.control.shape
+        if white:
+            apart = np.kron(np.eye(intervals), np.ones((n, n)))
+            system = system._replace(disturbance_covariance=system.disturbance_covariance * apart)
+        weights = np.tile(np.eye(n), (intervals, 1, 1)), 0.1 * np.tile(np.eye(m), (intervals, 1, 1))
+        law = solve(SteeringProgram(system, weights[0], weights[1], weights[1]))
+        gain = np.zeros_like(law.gain)
+        gain[np.arange(intervals), np.arange(intervals)] = present_gains(system, law)
+        apart = np.abs(closed_loop(system, gain).covariance - law.covariance).max()
+        assert apart < 1e-6 if white else apart > 1e-3

@@ -19,7 +19,7 @@ def bench(monkeypatch):
 
     def imported(slug):
         module = import_module(slug)
-        monkeypatch.setattr(module, "TRIALS", TRIALS)
+        monkeypatch.setattr(module, "TRIALS", TRIALS, raising=False)
         measuring = import_module("measuring")
         monkeypatch.setattr(measuring, "interleaved", lambda functions, repetitions=1: [1.0] * len(functions))
         return module
@@ -52,3 +52,10 @@ def test_stochastic_entry(bench, rows, entry):
     for case in module.CASES:
         module.compare(rows, SimpleNamespace(record=lambda name: entry.stage(name, "corrected")), case)
         assert f"speed of the kernel over strict C, {TRIALS} flights of {case} with outputs" in rows.quantities
+
+
+def test_doors(bench, rows, monkeypatch):
+    module = bench("doors")
+    monkeypatch.setattr(module, "REPETITIONS", 1)
+    module.trajectories(rows)
+    assert "optimal and desensitize over the methods put together by hand" in rows.quantities

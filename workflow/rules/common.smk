@@ -78,7 +78,7 @@ wildcard_constraints:
     chunks=r"[1-9]\d*",
 
 
-PRODUCTS = Products(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE, ARENAS, TRIALS)
+PRODUCTS = Products(ROOT, PAPERS, STUDIES, COMPARISONS, SIZE, ARENAS, TRIALS, OWN_CONFIG.get("chunks"))
 SHARED = PRODUCTS.shared
 with open(ROOT / "data/reference/costs.csv", encoding="utf-8", newline="") as _file:
     # Seconds of the longest job of each kind.

@@ -17,4 +17,4 @@ with guarded(snakemake) as job:
         given = catalogue(slug), input_model(slug), readings, claims, snakemake.params.artifacts[slug]
         papers.append(assembly.paper_report(*given, read_as(Decided, path)))
     folder, citation = Path(snakemake.output[0]).parent, Path(snakemake.params.project).resolve() / "CITATION.cff"
-    build_site(folder, papers, job.params["size"], citation, comparisons(), arenas())
+    build_site(folder, papers, job.params["size"], citation, comparisons(), arenas=arenas())

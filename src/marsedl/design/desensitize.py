@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.pictures import labelled, new_figure
 from marsedl.design.reference import Reference, fly_held
 from marsedl.fly.declared import is_number
 from marsedl.methods.collocation import Program
@@ -41,6 +42,25 @@ class Robust:
     table: Any  # data frame: weight (0: the reference), objective, of, to, predicted and flown, a row a sensitivity
 
     __repr__ = summary
+
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: what errors of one deviation do against the objective, with the weights.
+
+        units: of states, and of "objective".
+        """
+        units, groups = units or {}, self.table.groupby(["of", "to"], sort=False)
+        figure, panels = new_figure(len(groups))
+        for panel, ((state, error), rows) in zip(panels, groups, strict=True):
+            panel.plot(rows["objective"], rows["predicted"].abs(), "o-", label="predicted")
+            panel.plot(rows["objective"], rows["flown"].abs(), "x", label="flown")
+            for row in rows.itertuples():
+                place = row.objective, abs(row.predicted)
+                panel.annotate(f"w = {row.weight:g}", place, (4, 4), textcoords="offset points")
+            panel.set_title(f"{labelled(state, units)}, moved by {labelled(error, {})}", loc="left", fontsize="medium")
+            panel.margins(x=0.1, y=0.15)
+        panels[0].legend(frameon=False)
+        panels[-1].set_xlabel(labelled("objective", units))
+        return figure
 
 
 def desensitize(reference: Reference, weight, sensitivity, gains: Sequence[Gain] = (), scales=None) -> Robust:

@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.fly.laws import GainTable, _made
+from marsedl.design.pictures import Curve, over_time
+from marsedl.fly.generated import generated
+from marsedl.fly.laws import GainTable
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.linear import slice_jacobians
 from marsedl.methods.funnels.monte_carlo import quadratic_values
@@ -32,7 +34,7 @@ from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.montecarlo.streams import normals
 from marsedl.summaries import summary
-from marsedl.words import described, missing, require
+from marsedl.words import described, require
 
 __all__ = ["FlownFunnel", "Funnel", "funnel"]
 
@@ -307,22 +309,14 @@ class Funnel:
                 [quadratic_values(self.shapes[node], deviation) / level for node, level, deviation in after]
             )
 
-    def picture(self) -> Any:
-        """Figure of matplotlib: every state over time, the reference and the funnel about it."""
-        try:
-            from matplotlib.figure import Figure
-        except ModuleNotFoundError as error:
-            raise missing(error, "figures") from None
-
-        names = self.dynamics.names["state"]
-        figure = Figure(figsize=(6.0, 1.8 * len(names)), layout="constrained")
-        panels = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
-        for panel, name, middle, width in zip(panels, names, self.loop.states[::2].T, self.half_widths.T, strict=True):
-            panel.plot(self.loop.time, middle)
-            panel.fill_between(self.time, middle[self.nodes] - width, middle[self.nodes] + width, alpha=0.3)
-            panel.set_ylabel(name.replace("_", " "))
-        panels[-1].set_xlabel("time (s)")
-        return figure
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: every state over time, the reference and the funnel about it. units: of states."""
+        states = zip(self.dynamics.names["state"], self.loop.states[::2].T, self.half_widths.T, strict=True)
+        curves = []
+        for name, middle, width in states:
+            curves.append(Curve(name, "reference", self.loop.time, middle))
+            curves.append(Curve(name, "funnel", self.time, middle[self.nodes], width))
+        return over_time(curves, units or {})
 
 
 # Parameters of a flight about a reference, by half steps: those of `rates`, and of the stage the number.
@@ -348,14 +342,17 @@ def _flight(dynamics, n, m, q):
     arguments = ", ".join(of_user.get(name, name) for name in signature(dynamics.rates).parameters)
     pushes = "".join(f"found.push_{row}, " for row in range(q))
     return Flight(
-        _made(
-            f"(state, found, command, vehicle, p):\n    return rates_of_user({arguments})",
+        generated(
+            ("state", "found", "command", "vehicle", "p"),
+            [f"return rates_of_user({arguments})"],
             *(kinds["state"], dynamics.rates),
             rates_of_user=dynamics.rates,
             Command=kinds["command"],
         ),
-        look_up=_made(f"(half_index, state, air, p):\n    return Found({', '.join(looked_up)})", found, Found=found),
-        guide=_made(f"(found):\n    return Noise({pushes}), ()", tuple[noise, Nothing], Noise=noise) if q else None,
+        look_up=generated(
+            ("half_index", "state", "air", "p"), [f"return Found({', '.join(looked_up)})"], found, Found=found
+        ),
+        guide=generated(["found"], [f"return Noise({pushes}), ()"], tuple[noise, Nothing], Noise=noise) if q else None,
     )
 
 

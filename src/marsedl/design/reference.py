@@ -17,8 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.pictures import Curve, over_time
 from marsedl.fly.declared import Above, Below, is_number
 from marsedl.methods.collocation import Condition, Guess, Problem, Program, Solution, Variable
+from marsedl.methods.linearization import symbol_kind, symbols_in_numpy
 from marsedl.methods.step_map import VectorRates, in_vectors
 from marsedl.stepping import runge_kutta_4
 from marsedl.summaries import summary
@@ -57,8 +59,8 @@ def optimal(
             time is to be least; or of `end`, the state at the end; or "time".
         limits: `Below` and `Above` of `marsedl.fly`, of a state's or command's name or of a function of `state` or
             `command`. They hold at all nodes.
-        guess: where the search starts: commands, held throughout (numbers, in their order) or for each interval (N, m);
-            or a `Reference` of the same vehicle.
+        guess: where the search starts: commands, held throughout (numbers, in their order) or for each interval (N, m),
+            under which states are flown that the goal leaves free; or a `Reference` of the same vehicle.
         intervals: N, of equal length, over which commands are held. scheme: one of `methods.collocation.SCHEMES`.
         scales: typical sizes of states and commands by name, where those of start, goal and guess are none. A command
             that has the name of a state is `command.x` here and in limits.
@@ -82,11 +84,14 @@ def optimal(
     commands = task.commands(guess, intervals)
     task = task._replace(scales=task.scaled(commands, scales or {}))
     middle = float(np.sqrt(task.time[0] * task.time[1]))
-    end = np.where(np.isnan(task.goal), task.start, task.goal)
-    line = Guess(np.linspace(task.start, end, intervals + 1), commands, middle)
     program = Program(task.problem(), intervals, scheme)
-    began = guess.solution.guess(intervals) if isinstance(guess, Reference) else line
-    return task.reference(program.solve(began), substeps)
+    if isinstance(guess, Reference):
+        return task.reference(program.solve(guess.solution.guess(intervals)), substeps)
+    # What the goal leaves free goes where the guess leads, all else straight to the goal.
+    flown = fly_held(task.vectors, task.start, commands, np.linspace(0.0, middle, intervals + 1), substeps)
+    led = np.isnan(task.goal) & np.isfinite(flown).all(axis=0)
+    line = np.linspace(task.start, np.where(np.isnan(task.goal), task.start, task.goal), intervals + 1)
+    return task.reference(program.solve(Guess(np.where(led, flown, line), commands, middle)), substeps)
 
 
 class Limit(NamedTuple):
@@ -297,30 +302,42 @@ class Reference:
 
     __repr__ = summary
 
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: states as planned and as flown again, and commands, over time. units: by name."""
+        curves = []
+        for name in self.states._fields:
+            curves.append(Curve(name, "planned", self.time, getattr(self.states, name)))
+            curves.append(Curve(name, "flown again", self.time, getattr(self.flown, name), style="--"))
+        for name, values in zip(self.task.names[len(self.states) :], self.commands, strict=True):
+            curves.append(Curve(name, "planned", self.time, values))
+        return over_time(curves, units or {})
+
 
 def fly_held(rates: VectorRates, start, commands, time, substeps=4, gains=None, states=None) -> np.ndarray:
     """Fly held commands without noise by the integrator of flights, with feedback where an interval begins or without.
 
     Args:
-        rates: `in_vectors`. start: (n,). commands: (N, m). time: bounds of the intervals, (N + 1,), s.
+        rates: `in_vectors`, not of the time. start: (n,). commands: (N, m). time: bounds of the intervals, (N + 1,), s.
         substeps: the integrator's steps in each. gains: (m, n), on deviations from `states`, (N + 1, n).
 
     Returns:
         States at the bounds, (N + 1, n).
     """
-    calm, flown = [0.0] * len(rates.names.get("noise", ())), [np.asarray(start, float)]
-    for number, command in enumerate(commands):
-        state, step = flown[-1], (time[number + 1] - time[number]) / substeps
-        held = command if gains is None else command + gains @ (state - states[number])
-        for substep in range(substeps):
-            began = time[number] + substep * step
+    import casadi
 
-            def slope(halves, at, began=began, held=held, step=step, first=2 * (number * substeps + substep)):
-                return rates(*at, *held, *calm, time=began + 0.5 * step * halves, half_index=first + halves)
-
-            state = runge_kutta_4(slope, state, step)
-        flown.append(np.array(state, float))
-    return np.array(flown)
+    n, m, calm = len(start), commands.shape[1], [0.0] * len(rates.names.get("noise", ()))
+    kind = symbol_kind(lambda *numbers: rates(*numbers, *calm), n + m)
+    x, u, nominal, h = kind.sym("x", n), kind.sym("u", m), kind.sym("nominal", n), kind.sym("h")
+    with symbols_in_numpy(casadi):
+        after = runge_kutta_4(lambda _, at: rates(*at, *casadi.vertsplit(u), *calm), casadi.vertsplit(x), h)
+    step = casadi.Function("step", [x, u, h], [casadi.vertcat(*after)])
+    state, held = x, u if gains is None else u + casadi.mtimes(casadi.DM(gains), x - nominal)
+    for _ in range(substeps):
+        state = step(state, held, h)
+    interval = casadi.Function("interval", [x, u, nominal, h], [state])
+    about = np.zeros((len(commands), n)) if states is None else states[:-1]
+    flown = interval.mapaccum(len(commands))(start, commands.T, about.T, np.diff(time) / substeps)
+    return np.vstack([start, flown.full().T])
 
 
 def _named(kind, given, what):

@@ -22,11 +22,12 @@ import itertools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.design.pictures import Curve, over_time
 from marsedl.fly import Above, Below, Flights, GainTable, Model, MultivariateNormal, fly
 from marsedl.methods.covariance_steering import block_program
 from marsedl.methods.covariance_steering.chance import upper_quantile
@@ -37,7 +38,7 @@ from marsedl.methods.covariance_steering.steering_program import (
     Percentile,
     SteeringProgram,
     margins,
-    stacked,
+    present_gains,
 )
 from marsedl.methods.lincov import propagate
 from marsedl.methods.linear_system import LinearSystem
@@ -59,6 +60,8 @@ NEAR = 0.9  # share of its bound that a norm's percentile reaches towards a side
 TRACE = 1e-10  # variance, of the largest one of a period's noise, that the design leaves out
 LEAST_SIZE = 1e-4  # of a command that fuel is weighed by, of the largest one
 LEAST_EFFORT = 1e-4  # weight of the effort where the covariance is the cost
+SHOWN = 3.0  # deviations, in pictures
+SAME = 1e-9  # difference, relative, that is rounding
 ONE_SIGMA = 0.15865525393145707  # probability beyond one standard deviation
 LINEAR = 0.03  # difference of flown and predicted deviations, relative, that counts as none
 
@@ -187,6 +190,25 @@ class Law:
             )
         return Flown(pd.DataFrame(limits, columns=columns), pd.DataFrame(goal), flights)
 
+    def picture(self, units=None) -> Any:
+        """Figure of matplotlib: states, commands and what limits are of over time, as predicted. units: by name."""
+        names, band = self.task.vectors.names, f"mean $\\pm$ {SHOWN:g} deviations"
+        commands = np.sqrt(np.diagonal(self.command_covariance, axis1=1, axis2=2))
+        columns = [*zip(names["state"], self.state.T, self.deviation.T, strict=True)]
+        columns += zip(names["command"], self.command.T, commands.T, strict=True)
+        curves = []
+        for name, mean, deviation in columns:
+            curves.append(Curve(name, "mean", self.time, mean))
+            curves.append(Curve(name, band, self.time, mean, SHOWN * deviation))
+        for limit in self.task.limits:
+            means, covariances = self._normal(limit)
+            excess = [limit.excess(_normals(*of_node)) for of_node in zip(means, covariances, strict=True)]
+            asked = np.quantile(excess, 1.0 - limit.probability, axis=1)
+            rows = ("mean", limit.excess(means.T), "-"), ("percentile asked for", asked, "-.")
+            for label, beyond, style in (*rows, ("limit", np.zeros(len(means)), "k--")):
+                curves.append(Curve(limit.text, label, self.time, limit.value + limit.sign * beyond, style=style))
+        return over_time(curves, units or {})
+
     @property
     def deviation(self) -> np.ndarray:
         """Predicted standard deviations of the state, (N + 1, n)."""
@@ -265,9 +287,9 @@ def solve(
         ValueError: for a shape, a name, a number or a covariance that does not fit.
         RuntimeError: if the solver fails.
     """
-    task = _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps)
+    task, flight = _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps)
     if end_time is None:
-        return _solved(task, iterations, tolerance)
+        return _solved(task, flight, iterations, tolerance)
     from scipy.optimize import minimize_scalar
 
     bounds = np.asarray(end_time, float)
@@ -279,7 +301,8 @@ def solve(
 
     def cost_of(end):
         try:
-            laws[end] = _solved(task._replace(times=task.times * (end / task.times[-1])), iterations, tolerance)
+            stretched = task._replace(times=task.times * (end / task.times[-1]))
+            laws[end] = _solved(stretched, _flight(stretched, task.guess), iterations, tolerance)
         except UnmetError as error:
             unmet[end] = error
         return laws[end].cost if end in laws else np.inf
@@ -328,7 +351,7 @@ class _Task(NamedTuple):
 
 
 def _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps):
-    """Check what is asked. Raises ValueError as `solve`."""
+    """What is asked, checked, and the flight of the guess. Raises ValueError as `solve`."""
     import inspect
 
     asked = inspect.signature(rates).parameters
@@ -373,7 +396,8 @@ def _task(rates, p, times, start, goal, guess, limits, cost, weights, substeps):
     guess = np.broadcast_to(guess, (len(times) - 1, m))
     checked = tuple(_limit(number, limit, vectors) for number, limit in enumerate(limits))
     task = _Task(vectors, times, *ends, guess, checked, cost, weights, int(substeps))
-    return task._replace(units=_units(task, _flight(task, guess)[1]))
+    flight = _flight(task, guess)
+    return task._replace(units=_units(task, flight[1])), flight
 
 
 def _array(what, value, shape, free=False):
@@ -483,18 +507,22 @@ class _Design(NamedTuple):
     change: float
 
 
-def _solved(task, iterations, tolerance):
-    """The law of a task whose times are fixed."""
+def _solved(task, flight, iterations, tolerance):
+    """The law of a task whose times are fixed. flight: of the guess, see `_flight`."""
     period = task.times[1]
     state_unit, command_unit = task.units
     spread = np.zeros((*task.guess.shape, task.guess.shape[1]))  # covariances of the commands
     nodes = len(task.times)
     corrections = [_Correction(np.zeros(nodes), np.zeros((nodes, len(one.normals)), bool)) for one in task.limits]
+    repeats = not task.limits and task.cost != "fuel"  # a program about another nominal of the same linear model
+    done, solved_about = None, None  # the last step and its linear model
 
     def step(command):
-        nonlocal spread, corrections
-        states, system = _flight(task, command)
-        design = _designed(task, states, system, command, spread, corrections)
+        nonlocal spread, corrections, flight, done, solved_about
+        states, model = flight
+        if repeats and done and _agree(solved_about, model, state_unit):
+            return done._replace(result=done.result._replace(change=0.0))
+        design = _designed(task, states, model, command, spread, corrections)
         law = design.solution
         after, spread = law.control * command_unit, law.control_covariance * np.outer(command_unit, command_unit)
         deviations = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
@@ -505,7 +533,9 @@ def _solved(task, iterations, tolerance):
             for limit, before in zip(task.limits, corrections, strict=True)
         ]
         monitored = np.concatenate([(after / command_unit).ravel(), (deviations / command_unit).ravel()])
-        return Step(after, monitored, design._replace(change=float(np.abs(after - command).max())))
+        flight, solved_about = _flight(task, after), model
+        done = Step(after, monitored, design._replace(change=float(np.abs(after - command).max())))
+        return done
 
     run = successive_convexification(
         step, task.guess, iterations=iterations, tolerances=np.full(2 * task.guess.size, tolerance)
@@ -519,9 +549,8 @@ def _solved(task, iterations, tolerance):
             f"by {last.change:.3g}: give more iterations, a better guess or a larger tolerance",
             stacklevel=3,
         )
-    command = run.control[-1]
-    states, system = _flight(task, command)
-    gain = _gains(last) * command_unit[:, None] / state_unit
+    command, (states, system) = run.control[-1], flight
+    gain = present_gains(last.program.system, last.solution) * command_unit[:, None] / state_unit
     predicted = propagate(system, gain, task.start[1])
     effort = _efforts(task, command, predicted.control_covariance)
     log = [
@@ -548,6 +577,12 @@ def _solved(task, iterations, tolerance):
         "covariance": last.solution.percentile,
     }[task.cost]
     return Law(task.times, command, gain, states, *predicted, float(total), run.outcome, tuple(log), active, task)
+
+
+def _agree(model, other, unit):
+    """Whether two linear models are the same, as those of a linear vehicle are; unit: of states, for rounding."""
+    derivatives = all(map(np.array_equal, model[:3], other[:3]))  # of states, commands and noise
+    return derivatives and (np.abs(model.affine - other.affine) <= SAME * unit).all()
 
 
 def _flight(task, command):
@@ -665,37 +700,25 @@ def _corrected(limit, before, means, covariances):
         planes.setdefault(node, []).append((normal, bound))
     for node, tangents in planes.items():
         numbers = _normals(means[node], covariances[node])
-        linear = max(np.quantile(normal @ numbers - bound, level) for normal, bound in tangents)
-        moved[node] = np.quantile(limit.excess(numbers), level) - linear
+        excess, linear = limit.excess(numbers), [normal @ numbers - bound for normal, bound in tangents]
+        if np.abs(excess - linear[0]).max() > SAME * np.ptp(excess) or len(linear) > 1:
+            moved[node] = np.quantile(excess, level) - max(np.quantile(side, level) for side in linear)
     return _Correction(moved, near)
 
 
 def _normals(mean, covariance):
     """Points that stand for a normal distribution, (n, points)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return mean[:, None] + vectors * np.sqrt(np.maximum(values, 0.0)) @ _standard_normals(len(mean))
+
+
+@cache
+def _standard_normals(n):
+    """Points that stand for n independent standard normals, (n, points)."""
     from scipy.special import ndtri
     from scipy.stats.qmc import Sobol
 
-    points = ndtri(Sobol(len(mean), rng=np.random.default_rng(0)).random_base2(NORMALS)).T
-    values, vectors = np.linalg.eigh(covariance)
-    return mean[:, None] + vectors * np.sqrt(np.maximum(values, 0.0)) @ points
-
-
-def _gains(design):
-    """Gains on the present state, K_k = Cov(u_k, x_k) P_k^-1, of a law of all past states, in units, (N, m, n)."""
-    system, law = design.program.system, design.solution
-    intervals, n, m = system.control.shape
-    blocks = stacked(system)
-    history = law.gain.transpose(0, 2, 1, 3).reshape(intervals * m, -1)
-    response = np.linalg.inv(np.eye((intervals + 1) * n) - blocks.control @ history)
-    initial, disturbed = response @ blocks.transition, response @ blocks.disturbance
-    covariance = initial @ system.initial_covariance @ initial.T
-    covariance += disturbed @ system.disturbance_covariance @ disturbed.T
-    cross = (history @ covariance).reshape(intervals, m, intervals + 1, n)
-    gains = []
-    for k in range(intervals):
-        deviation, scaled = correlations("covariance", law.covariance[k])
-        gains.append(cross[k, :, k] / deviation @ np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) / deviation)
-    return np.array(gains)
+    return ndtri(Sobol(n, rng=np.random.default_rng(0)).random_base2(NORMALS)).T
 
 
 def _unmet(task, design):

@@ -133,7 +133,8 @@ def fly(
         end_time: s, at which flights end that no trigger has ended. Without a trigger all flights count.
         period: of the guidance, s.
         substeps: integration steps in a period.
-        history: seconds from one stored state to the next; by default ends alone are stored.
+        history: seconds from one stored state to the next; by default ends alone are stored. Where a flight ends
+            between two of them, the row of the later one holds its end.
         trials: how many; by default 1000, or as many as the phase before has.
         seed: of all random numbers, a whole number that is not negative. One of 2**63 and more is hashed
             (`montecarlo.streams.key_of`).

@@ -12,6 +12,7 @@ import numpy as np
 from marsedl.compiling import inlined
 from marsedl.elementary import clip, exponential
 from marsedl.fly.declared import is_number, resolve
+from marsedl.fly.generated import generated, with_fields
 from marsedl.montecarlo.flights.binding import hints
 from marsedl.words import remedy, require
 
@@ -382,17 +383,20 @@ class _Actuated:
     def parts(self):
         """All functions of the flight."""
         changed = {}
-        for role in ("rates", "sense", "store", "observe", "watch", "finish"):
+        if "command" in signature(self.given["rates"]).parameters:
+            changed["actuate"] = generated(self.asks, [f"return {self.flown}"], self.plain, **self.space)
+            changed["rates"] = self._told(self.given["rates"], "flown", ["flown"])
+        for role in ("sense", "store", "observe", "watch", "finish"):
             function = self.given.get(role)
             if function and "command" in signature(function).parameters:
-                changed[role] = self._told(function, self.commanded if role == "watch" else self.flown)
+                told = (self.commanded, []) if role == "watch" else (self.flown, self.asks)
+                changed[role] = self._told(function, *told)
         commanded = {f"commanded_{name}": f"command.commanded_{name}" for name in self.names}
-        changed["store"] = self._with(commanded, changed.get("store", self.given["store"]), ["command"])
+        changed["store"] = with_fields(changed.get("store", self.given["store"]), commanded, ["command"])
         final = {name: f"now.{name}" for name in self.names}
         final |= {f"saturated_{name}": f"command.saturated_of_{name}" for name in self.moved}
-        changed["finish"] = self._with(
-            final, changed.get("finish", self.given["finish"]), self.asks, f"now = {self.flown}"
-        )
+        finish, now = changed.get("finish", self.given["finish"]), f"now = {self.flown}"
+        changed["finish"] = with_fields(finish, final, self.asks, now, **self.space)
         if self.within:
             changed["interrupts"] = self._interrupts()
         return {**self.given, **changed, "guide": self._guide()}
@@ -411,24 +415,14 @@ class _Actuated:
             space["Kind"] = kind
             moved = (f"now_{name}" if name in self.moved else f"wanted.{name}" for name in kind._fields)
             result = f"to_command(Kind({', '.join(moved)}), vehicle)"
-        return inlined(_text(self.asks, [*lines, f"return {result}"], self.plain, **space))
+        return inlined(generated(self.asks, [*lines, f"return {result}"], self.plain, **space))
 
-    def _told(self, function, command):
-        """The function, told this command."""
+    def _told(self, function, command, asks):
+        """The function, told this command; asks: what that needs."""
         asked = [*signature(function).parameters]
         arguments = ", ".join(command if name == "command" else name for name in asked)
-        needed = [*asked, *(self.asks if command == self.flown else ())]
         lines = [f"return function({arguments})"]
-        return _text(needed, lines, hints(function)["return"], function, function=function, **self.space)
-
-    def _with(self, fields, function, asks, *lines):
-        """The function with what it returns, and further fields; asks, lines: what these need."""
-        known, asked = hints(function)["return"]._fields, [*signature(function).parameters]
-        fields = {name: value for name, value in fields.items() if name not in known}
-        kind = namedtuple("WithActuators", (*known, *fields))
-        values = ", ".join([*(f"whole.{name}" for name in known), *fields.values()])
-        body = [f"whole = function({', '.join(asked)})", *lines, f"return Kind({values})"]
-        return _text([*asked, *asks], body, kind, function, function=function, Kind=kind, **self.space)
+        return generated([*asked, *asks], lines, hints(function)["return"], function, function=function, **self.space)
 
     def _guide(self):
         """Guidance with the actuators: what is asked once a period, and where a delay ends within one."""
@@ -467,7 +461,7 @@ class _Actuated:
         lines.append(f"return Actuated({commanded}), Memory({members})")
         limits = ["vehicle"] if any(kind.low or kind.high for kind in self.kinds) else []
         needed = [*asked, "cycle", "share", "time", "memory", "p", *limits]
-        return _text(needed, lines, tuple[self.command, Memory], self.law, **space)
+        return generated(needed, lines, tuple[self.command, Memory], self.law, **space)
 
     def _interrupts(self):
         """Function that says where a delayed command arrives within a guidance period."""
@@ -476,7 +470,7 @@ class _Actuated:
             lines.append(f"passed_{row} = time / p.actuators[{row}].period")
             lines.append(f"passed_{row} = passed_{row} - np.floor(passed_{row} + {_SAME})")
             due.append(f"abs(passed_{row} - p.actuators[{row}].share) < {_SAME}")
-        return _text(["time", "p"], [*lines, f"return {' or '.join(due)}"], bool, np=np)
+        return generated(["time", "p"], [*lines, f"return {' or '.join(due)}"], bool, np=np)
 
 
 def _parts(kind):
@@ -512,11 +506,3 @@ def _step(row, kind, wanted):
     for n, held in enumerate(_held(kind)):
         lines += [f"{part}_{n}_of_{name} = legs_{row}[{n}].{part}" for part in held]
     return lines
-
-
-def _text(asked, lines, returns, like=None, **names):
-    """The function of these lines, which asks for these arguments."""
-    from marsedl.fly.laws import _made
-
-    body = "".join(f"    {line}\n" for line in lines)
-    return _made(f"({', '.join(dict.fromkeys(asked))}):\n{body}", returns, like, **names)

@@ -70,7 +70,8 @@ class Budget:
         rows = self.shares[::-1]
         bars = axes.barh(rows["source"], 100.0 * rows["share"])
         axes.bar_label(bars, [f"{deviation:.3g} {self.unit}" for deviation in rows["deviation"]], padding=3)
-        axes.set(xlabel="share of the variance (%)", xlim=(0.0, 120.0))
+        label = "share of the variance (%), and the deviation by this source alone"
+        axes.set(xlabel=label, xlim=(0.0, 120.0), xticks=range(0, 101, 20))
         linear = "" if self.linear else ", not linear"
         axes.set_title(f"{self.quantity}: standard deviation {self.deviation:.4g} {self.unit}{linear}")
         return axes

@@ -19,7 +19,10 @@ from marsedl.fly.phases import STREAMS, PhaseBefore
 from marsedl.fly.senses import Bound, Senses
 from marsedl.fly.together import Together, bound
 from marsedl.fly.vehicles import Model
+from marsedl.montecarlo.flights import periods
+from marsedl.montecarlo.flights.binding import check_parameters, digest
 from marsedl.montecarlo.outcomes import MET_AT_THE_START
+from marsedl.montecarlo.streams import key_of
 from marsedl.words import require
 
 # Streams of random numbers of the first phase; `own_air` has more.
@@ -50,9 +53,6 @@ class Campaign:
         together=None,
     ):
         """Check all of it, and bind it to the model; nothing is compiled."""
-        from marsedl.montecarlo.flights.binding import check_parameters
-        from marsedl.montecarlo.streams import key_of
-
         self.declared = (flies, start, law, trigger, end_time, period, substeps, history, seed, senses, truth, together)
         require(
             hasattr(flies, "model") or type(flies).__name__ == "Flight",
@@ -172,8 +172,6 @@ class Campaign:
         return Campaign, self.declared, {"reached": self.reached}
 
     def _reached(self):
-        from marsedl.montecarlo.flights.binding import digest
-
         own = self.model.air.sample(self.seed, range(1), self.stream(0)) if self.model.air else ()
         return digest(*self.flight().reached(), self.p, self.law.parameters, own)
 
@@ -184,8 +182,6 @@ class Campaign:
 
     def schedule(self, every=None):
         """Guidance periods; stored are the states at the start and the end, or every so many seconds."""
-        from marsedl.montecarlo.flights import periods
-
         schedule = periods(self.end_time, self.period, self.substeps)
         if every is None:
             return schedule._replace(every=int(schedule.steps.sum()))
@@ -341,9 +337,9 @@ class Campaign:
         return dict(zip(self.flight().parts["final"]._fields, numbers, strict=True))
 
     def reduced(self, trials, in_python=False):
-        """Final numbers, outcomes and histories (NaN after the end; or None) of consecutive trials, or of one alone."""
+        """Final numbers, outcomes and histories (up to the end, then NaN; or None) of consecutive trials, or of one."""
         flown = self.fly(trials, self.history, in_python)
-        history = None if self.history is None else flown.cleared().history
+        history = None if self.history is None else flown.with_ends().history
         final, outcome = flown.final_state, self.outcomes(flown)
         if self.before:
             outcome = self.before.outcomes(trials, outcome)

@@ -12,6 +12,7 @@ from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrus
 from marsedl.montecarlo.flights import Flight
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
+SPENT = 1e-9  # propellant that is none, kg
 
 # ---- entry -----------------------------------------------------------------------------------------------------------
 
@@ -193,14 +194,17 @@ Engine = namedtuple("Engine", ("thrust", "tilt"))
 Disturbance = namedtuple("Disturbance", ("downrange", "vertical"))
 
 
-def lander_rates(state, command: Thrust, vehicle, noise, p) -> LanderState:
+def lander_rates(state, before, step, command: Thrust, vehicle, noise, p) -> LanderState:
     """Powered descent over flat ground (`models.dynamics.powered_descent`), the thrust within its limits.
 
-    Without propellant there is no thrust.
+    In the step in which the propellant runs out, the thrust is the mean one that burns what is left. So no step burns
+    more, and the speed that the last of it gives is that of the rocket equation. Without propellant there is no thrust.
     """
+    burning_all = (before.mass - p.dry_mass) * (1.0 / step) * (vehicle.specific_impulse * STANDARD_GRAVITY)
+    most = select(burning_all > 0.0, burning_all, 0.0)
     wanted = thrust_magnitude(command.thrust_downrange, command.thrust_vertical)
-    given = clip(wanted, vehicle.smallest_thrust, vehicle.largest_thrust)
-    scale = select(state.mass > p.dry_mass, vehicle.thrust_scale * given / wanted, 0.0)
+    thrust = vehicle.thrust_scale * clip(wanted, vehicle.smallest_thrust, vehicle.largest_thrust)
+    scale = select(thrust > most, most, thrust) / wanted
     changes = powered_descent_rates(
         state,
         (scale * command.thrust_downrange, scale * command.thrust_vertical),

@@ -534,7 +534,8 @@ class Flights:
             confidence: of the interval.
 
         Returns:
-            Series with value, lower, upper, flights (that count) and note (how many are left out, and why).
+            Series of numbers: value, lower, upper, flights (that count) and left_out. Its `attrs["note"]` says why they
+            are left out.
 
         Raises:
             ValueError: for an unknown quantity, or what is no condition.
@@ -548,7 +549,9 @@ class Flights:
         flights, true = int(counted.sum()), int(holds[counted].sum())
         interval = binomtest(true, flights).proportion_ci(confidence) if flights else (np.nan, np.nan)
         numbers = {"value": true / flights if flights else np.nan, "lower": interval[0], "upper": interval[1]}
-        return pd.Series({**numbers, "flights": flights, "note": left_out}, name=condition)
+        share = pd.Series({**numbers, "flights": flights, "left_out": self.trials - flights}, name=condition)
+        share.attrs["note"] = left_out
+        return share
 
     def explains(self, what, percentile=None, confidence=0.95):
         """Which share of a variance each dispersed number explains by itself: where the spread of a result comes from.
@@ -654,14 +657,13 @@ class Flights:
             f"trial {trial} has no such flight; {self.outcome[trial]}",
         )
         step = campaign.period / campaign.substeps
-        flown = campaign.fly(range(trial, trial + 1), step, in_python or not self.how[-1])
+        flown = campaign.fly(range(trial, trial + 1), step, in_python or not self.how[-1]).with_ends()
         length, parts = int(flown.length[0]), campaign.flight().parts
         index = pd.Index(campaign.schedule(step).times[:length], name="time")
         history = pd.DataFrame(flown.history[:length, :, 0], index, [*parts["stored"]._fields])
         final = dict(zip(self.final, flown.final_state[:, 0].tolist(), strict=True))
-        if "end_time" in final:  # of an end within a step; the command is held
-            held = {name: history[name].iloc[-1] for name in campaign.commands.values() if name in history}
-            history.loc[final["end_time"]] = [final.get(name, held.get(name, np.nan)) for name in history]
+        if "end_time" in final:  # which may lie within a step
+            history.loc[final["end_time"]] = flown.history[min(length, len(flown.history) - 1), :, 0]
         drawn = {name: float(one) for name, (one,) in self._drawn(range(trial, trial + 1)).items()}
         return OneFlight(trial, history, final, str(campaign.outcomes(flown)[0]), drawn)
 
@@ -690,8 +692,8 @@ class Flights:
     def to_xarray(self):
         """Data set of what was drawn, final numbers, outcome and, if stored, histories, with units and meanings.
 
-        A history has the dimensions trial and time, the name `altitude_history`, and NaN after the end of a flight,
-        whose state is the final number: it lies between the times of the history.
+        A history has the dimensions trial and time, and the name `altitude_history`. Its last number is the end of the
+        flight, at the first time of the history from `end_time` on; then NaN follow.
         """
         try:
             import xarray

@@ -11,11 +11,15 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from marsedl.elementary import arc_cosine
 from marsedl.fly.actuators import actuated
 from marsedl.fly.declared import SUFFIXES, Above, Below, is_number, numbers_of, resolve
+from marsedl.fly.generated import generated, with_fields
 from marsedl.fly.senses import navigation
 from marsedl.fly.vehicles import parts_of
 from marsedl.models.density_table import number_of, read_table
+from marsedl.montecarlo.flights import Flight, Nothing
+from marsedl.montecarlo.flights.binding import LOCAL, chains, hints, returned
 from marsedl.words import described, remedy, require
 
 __all__ = ["GainTable"]
@@ -148,8 +152,6 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
         return Bound(("own",), () if law is None else law)
     if law is None and "command" not in inspect.signature(flight.functions["rates"]).parameters:
         return Bound(("none",), ())
-    from marsedl.montecarlo.flights.binding import LOCAL, chains, hints
-
     told, command = told_by(flight), command_of(flight)
     if isinstance(law, GainTable):
         law = law.in_si(units([*told._fields, *command._fields]) | {"time": "s"})
@@ -225,8 +227,6 @@ def told_by(flight):
 
 def command_of(flight):
     """NamedTuple of what laws command."""
-    from marsedl.montecarlo.flights.binding import hints
-
     rates = flight.functions["rates"]
     command = hints(rates).get("command")
     require(
@@ -236,20 +236,12 @@ def command_of(flight):
     return command
 
 
-def _made(text, returns, like=None, **names):
-    """The function that a text of checked names defines, annotated; messages name the function that it is like."""
-    exec(f"def made{text}", names)
-    made = names["made"]
-    made.__annotations__["return"], made.__module__ = returns, __name__
-    if like:
-        code = like.__code__
-        place = {"co_filename": code.co_filename, "co_firstlineno": code.co_firstlineno}
-        made.__name__, made.__code__ = like.__name__, made.__code__.replace(co_name=code.co_name, **place)
-    return made
-
-
 class End(NamedTuple):
-    """Where a trigger ends a flight: a sum of weights x quantities falls to a value; one kernel serves all of them."""
+    """Where a trigger ends a flight: a number falls to a value.
+
+    The number is a sum of weights x quantities of the state and the time, or of what is sensed one quantity, as others
+    of a model may be no numbers: a sign, and its place. So one kernel serves all that is known of a flight either way.
+    """
 
     weights: tuple[float, ...]
     value: float
@@ -258,7 +250,7 @@ class End(NamedTuple):
 class Ends(NamedTuple):
     """What ends the flights of a campaign."""
 
-    kind: tuple  # what `ended` is made from: of each end a function, or the names that its weights are of
+    kind: tuple  # what `ended` is made from: of each end a function, or the names that its `End` chooses from
     data: tuple[End, ...]  # of the ends that are data, in their order
     names: tuple[str, ...]  # outcomes, in their order
     aims: bool  # whether flights that do not reach the first end count in no statistics
@@ -274,10 +266,8 @@ def ends_of(trigger, model, nominal) -> Ends:
     Raises:
         ValueError: for a quantity that is not known of a flight, or is beyond the trigger at the start.
     """
-    from marsedl.montecarlo.flights.binding import returned
-
-    flight, sensed = model.flight, model.flight.parts["sensed"]._fields
-    own, state = flight.functions["ended"], flight.parts["state"]._fields
+    flight, state = model.flight, model.flight.parts["state"]._fields
+    own, sensed = flight.functions["ended"], [name for name in flight.parts["sensed"]._fields if name not in state]
     require(
         trigger is None or own is None,
         "the model ends its flights itself: leave trigger out, or bind the flight without `ended`",
@@ -294,7 +284,7 @@ def ends_of(trigger, model, nominal) -> Ends:
             not isinstance(trigger, Mapping), f"{described(single[0])} returns a bool; let named triggers be floats"
         )
         whole = {None: single[0]}
-    units = model.units([*state, *(name for name in sensed if name not in state), "time"]) | {"time": "s"}
+    units = model.units([*state, *sensed, "time"]) | {"time": "s"}
     for outcome, one in whole.items():
         require(
             isinstance(one, Below | Above) or callable(one),
@@ -305,18 +295,20 @@ def ends_of(trigger, model, nominal) -> Ends:
             names.append(outcome or f"ended: {one.__name__}")
         else:
             advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
-            kind, end, text = _crossing(one, state, units, nominal, advice)
+            kind, end, text = _crossing(one, (state, sensed), units, nominal, advice)
             kinds.append(kind)
             data.append(end)
             names.append(outcome or f"ended: {text}")
     return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
 
 
-def _crossing(trigger, state, units, nominal, advice):
-    """Of `Below` or `Above`: the names that its weights are of, its `End`, and what it says. Checked; see `ends_of`.
+def _crossing(trigger, known, units, nominal, advice):
+    """Of `Below` or `Above`: the names that its `End` chooses from, that, and what it says. Checked; see `ends_of`.
 
-    state: names of the state. units: of all that is known. advice: what else a user may do if it is met at the start.
+    known: names of the state, and of what else is sensed. units: of all of them. advice: what else a user may do if it
+    is met at the start.
     """
+    state, sensed = known
     require(
         isinstance(trigger.quantity, str) and trigger.probability is None,
         f"trigger {trigger} is a limit of a design: give the name of a quantity and a value, or the function alone",
@@ -326,14 +318,15 @@ def _crossing(trigger, state, units, nominal, advice):
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
     text = f"{trigger.quantity} {word} {trigger.value:g}"
     value = sign * factor * float(trigger.value)
-    if name not in state:  # whether it is met at the start, a flight's functions say
-        return ("time" if name == "time" else f"sensed.{name}",), End((sign,), value), text
+    if name not in (*state, "time"):  # whether it is met at the start, a flight's functions say
+        return tuple(f"sensed.{other}" for other in sensed), End((sign, float(sensed.index(name))), value), text
     require(
-        sign * nominal[name] > value,
-        f"trigger {text} is met at the start, where {name} is {nominal[name]:g}{advice}",
+        name not in state or sign * nominal[name] > value,
+        f"trigger {text} is met at the start, where {name} is {nominal.get(name, np.nan):g}{advice}",
     )
-    weights = tuple(sign if other == name else 0.0 for other in state)
-    return tuple(f"state.{other}" for other in state), End(weights, value), text
+    weights = [sign if other == name else 0.0 for other in state]
+    of_time = 0.0 if name in state else sign
+    return (*(f"state.{other}" for other in state), "time"), End((*weights, of_time), value), text
 
 
 def _ended_by(kind):
@@ -348,15 +341,18 @@ def _ended_by(kind):
             terms.append(f"end_{len(functions) - 1}({', '.join(arguments)})")
             asked |= dict.fromkeys(arguments)
         else:
-            place = len(terms) - len(functions)
-            weighted = (f"p.ends[{place}].weights[{row}] * {name}" for row, name in enumerate(one))
-            terms.append(f"{' + '.join(weighted)} - p.ends[{place}].value")
+            end = f"p.ends[{len(terms) - len(functions)}]"
+            if "time" in one:
+                number = " + ".join(f"{end}.weights[{row}] * {name}" for row, name in enumerate(one))
+            else:
+                chosen = "".join(f"{name} if {end}.weights[1] == {row}.0 else " for row, name in enumerate(one[:-1]))
+                number = f"{end}.weights[0] * ({chosen}{one[-1]})"
+            terms.append(f"{number} - {end}.value")
             asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
-    text = f"({', '.join(asked)}):\n    return "
     if len(terms) == 1:
-        return _made(text + terms[0], float)
+        return generated(asked, [f"return {terms[0]}"], float)
     returns = namedtuple("Reached", [f"end_{row}" for row in range(len(terms))])
-    return _made(f"{text}Reached({', '.join(terms)})", returns, Reached=returns, **functions)
+    return generated(asked, [f"return Reached({', '.join(terms)})"], returns, Reached=returns, **functions)
 
 
 @lru_cache(64)
@@ -375,34 +371,26 @@ def completed(flight, law, ends, senses=(), actuators=()):
         flight: `Flight`. law: `Bound.kind`. ends: `Ends.kind`. senses: `senses.Bound.kinds`.
         actuators: `actuators.Bound.kind`.
     """
-    from marsedl.montecarlo.flights import Flight, Nothing
-    from marsedl.montecarlo.flights.binding import hints
-
     told, parts, (kind, *details) = told_by(flight), parts_of(flight), law
-    parts.setdefault("sense", _made("(state):\n    return state", flight.parts["state"]))
+    parts.setdefault("sense", generated(["state"], ["return state"], flight.parts["state"]))
     parts |= navigation(told, senses) if senses else {}
     tells = "nav" if "navigate" in parts else "sensed"
     own = {name: f"{tells}.{name}" for name in told._fields} | dict.fromkeys(NAMES_OF_TOLD, tells)
-    if kind == "guide":
+    if kind in ("guide", "simple"):
         function, asked = details
-        arguments, needed = _asks(asked, own)
-        text = f"({needed}):\n    return law_of_user({arguments})"
-        as_it_is = arguments == ", ".join(asked)  # and no other function stands between it and the flight
-        parts["guide"] = (
-            function if as_it_is else _made(text, hints(function)["return"], function, law_of_user=function)
-        )
-    elif kind not in ("own", "none"):
-        command = command_of(flight)
-        returns = tuple[command, Nothing]
-        if kind == "constant":
-            parts["guide"] = _made("(law):\n    return law, ()", returns)
-        elif kind == "table":
-            parts |= _of_table(*details, tells, told, command, returns)
+        arguments = [own.get(name, name) for name in asked]
+        needed = [name.partition(".")[0] for name in arguments]
+        call, remembers = f"return law_of_user({', '.join(arguments)})", kind == "guide"
+        if remembers and arguments == [*asked]:  # no other function stands between it and the flight
+            parts["guide"] = function
         else:
-            function, asked = details
-            arguments, needed = _asks(asked, own)
-            text = f"({needed}):\n    return law_of_user({arguments}), ()"
-            parts["guide"] = _made(text, returns, function, law_of_user=function)
+            returns = hints(function)["return"] if remembers else tuple[command_of(flight), Nothing]
+            lines = [call if remembers else f"{call}, ()"]
+            parts["guide"] = generated(needed, lines, returns, function, law_of_user=function)
+    elif kind == "constant":
+        parts["guide"] = generated(["law"], ["return law, ()"], tuple[command_of(flight), Nothing])
+    elif kind == "table":
+        parts |= _of_table(*details, tells, told, command_of(flight))
     if ends and ends != ("own",):
         parts["ended"] = _ended_by(ends)
     guide = parts["guide"]
@@ -418,60 +406,38 @@ def completed(flight, law, ends, senses=(), actuators=()):
     parts.setdefault("finish", _gathered(held | watched, "time"))
     if tells == "nav":
         known = [name for name, _ in senses] or told._fields
-        parts |= {role: _with_navigation(parts[role], known) for role in ("store", "finish")}
+        known = {f"nav_{name}": f"nav.{name}" for name in known}
+        parts |= {role: with_fields(parts[role], known, ["nav"]) for role in ("store", "finish")}
     return Flight(**(actuated(parts, *actuators) if actuators else parts))
 
 
-def _asks(asked, own):
-    """Arguments by which a law is called, and those that its caller needs; own: what is part of another argument."""
-    arguments = [own.get(name, name) for name in asked]
-    return ", ".join(arguments), ", ".join(dict.fromkeys(name.partition(".")[0] for name in arguments))
-
-
-def _with_navigation(function, known):
-    """The function with what it returns, and what navigation knows of these quantities as `nav_<name>`."""
-    from marsedl.montecarlo.flights.binding import hints
-
-    fields = hints(function)["return"]._fields
-    kind = namedtuple("WithNavigation", (*fields, *(f"nav_{name}" for name in known)))
-    arguments = ", ".join(inspect.signature(function).parameters)
-    needed = ", ".join(dict.fromkeys((*inspect.signature(function).parameters, "nav")))
-    values = ", ".join([*(f"whole.{name}" for name in fields), *(f"nav.{name}" for name in known)])
-    text = f"({needed}):\n    whole = function({arguments})\n    return Kind({values})"
-    return _made(text, kind, function, function=function, Kind=kind)
-
-
-def _of_table(against, columns, commanded, tells, told, command, returns):
+def _of_table(against, columns, commanded, tells, told, command):
     """Functions of a gain table: `consult`, which reads it, and `guide`."""
-    from marsedl.elementary import arc_cosine
-
     advice = namedtuple("Advice", columns)
     rows = (f"low * law.values[{row}, node] + part * law.values[{row}, node + 1]" for row in range(len(columns)))
-    consult = (
-        f"(time, {tells}, law):\n"
-        f"    place = {'time' if against == 'time' else f'{tells}.{against}'}\n"
-        f"    node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)\n"
-        f"    part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])\n"
-        f"    part = min(max(part, 0.0), 1.0)\n"
-        f"    low = 1.0 - part\n"
-        f"    return Advice({', '.join(rows)})"
-    )
+    lines = [
+        f"place = {'time' if against == 'time' else f'{tells}.{against}'}",
+        "node = min(max(np.searchsorted(law.nodes, place) - 1, 0), len(law.nodes) - 2)",
+        "part = (place - law.nodes[node]) / (law.nodes[node + 1] - law.nodes[node])",
+        "part = min(max(part, 0.0), 1.0)",
+        "low = 1.0 - part",
+        f"return Advice({', '.join(rows)})",
+    ]
     terms = []
     for column in commanded:
         fed_back = [name for name in told._fields if f"{column}_per_{name}" in columns]
         gains = (f"advice.{column}_per_{name} * ({tells}.{name} - advice.{name})" for name in fed_back)
         term = " + ".join([f"advice.{column}", *gains])
         terms.append(term if column in command._fields else f"arc_cosine(min(max({term}, -1.0), 1.0))")
-    guide = f"({tells}, advice):\n    return Command({', '.join(terms)}), ()"
+    commands, read = f"return Command({', '.join(terms)}), ()", {"Command": command, "arc_cosine": arc_cosine}
     return {
-        "consult": _made(consult, advice, np=np, Advice=advice),
-        "guide": _made(guide, returns, Command=command, arc_cosine=arc_cosine),
+        "consult": generated(("time", tells, "law"), lines, advice, np=np, Advice=advice),
+        "guide": generated((tells, "advice"), [commands], tuple[command, Nothing], **read),
     }
 
 
 def _gathered(fields, *first):
     """The function that returns fields of parts, name by name, after (first) the time as `end_time`."""
     kind = namedtuple("Gathered", (*("end_time" for _ in first), *fields))
-    arguments = ", ".join((*first, *dict.fromkeys(field.partition(".")[0] for field in fields.values())))
-    values = ", ".join((*first, *fields.values()))
-    return _made(f"({arguments}):\n    return Kind({values})", kind, Kind=kind)
+    asked = (field.partition(".")[0] for field in fields.values())
+    return generated((*first, *asked), [f"return Kind({', '.join((*first, *fields.values()))})"], kind, Kind=kind)

@@ -13,6 +13,7 @@ import numpy as np
 
 from marsedl.fly.campaign import Campaign
 from marsedl.fly.flights import Flights, Search
+from marsedl.montecarlo.flights.binding import digest, helpers_of
 from marsedl.words import remedy, require
 
 __all__ = ["load"]
@@ -87,8 +88,6 @@ def save(flights, path):
 def _write(file, flights, derived):
     import h5py
 
-    from marsedl.montecarlo.flights.binding import digest
-
     campaign, outcomes = flights.campaign, np.unique(flights.outcome)
     file.attrs.update(
         format=FORMAT,
@@ -136,8 +135,6 @@ def _write(file, flights, derived):
 
 def _source(kind):
     """Source of a law and its helpers, but for those of this package."""
-    from marsedl.montecarlo.flights.binding import helpers_of
-
     texts = []
     for function in helpers_of(kind[1]) if kind[0] in ("simple", "guide") else ():
         if not str(function.__module__).startswith("marsedl."):  # None of what `exec` defines
@@ -211,8 +208,6 @@ def _read(path, file, declared, how):
 
 def _found(path, group, declared):
     """The campaign that flew, or None and a sentence on why it is not found."""
-    from marsedl.montecarlo.flights.binding import digest
-
     arguments, missing = dict(declared), {}
     for name in ARGUMENTS:
         if name in group and name not in declared:  # of another version it may have fewer

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.fly.declared import SUFFIXES, Declared, Exponential, Normal, Uniform, declare, is_number, resolve
+from marsedl.fly.generated import generated
 from marsedl.words import require
 
 __all__ = ["Error", "Senses", "ThroughDrag"]
@@ -147,7 +148,6 @@ def navigation(told, kinds):
     it returns.
     """
     from marsedl.elementary import logarithm
-    from marsedl.fly.laws import _made
 
     errors = {name: row for row, (name, kind) in enumerate(kinds) if kind == "error"}
     Nav = namedtuple("Nav", (*told._fields, *(f"{name}_walk" for name in errors)))
@@ -173,6 +173,5 @@ def navigation(told, kinds):
             through = {"density": "density", "altitude": "scale_height * (log_surface_density - logarithm(density))"}
             lines.append(f"known_{name} = {through[name]}")
     values = ", ".join([*(f"known_{name}" for name in told._fields), *(f"walk_{name}" for name in errors)])
-    body = "".join(f"    {line}\n" for line in lines)
-    text = f"(time, cycle, sensed, nav, draws, vehicle, p):\n{body}    return Nav({values})"
-    return {"navigate": _made(text, Nav, Nav=Nav, logarithm=logarithm), "draws": Draws}
+    asked, lines = ("time", "cycle", "sensed", "nav", "draws", "vehicle", "p"), [*lines, f"return Nav({values})"]
+    return {"navigate": generated(asked, lines, Nav, Nav=Nav, logarithm=logarithm), "draws": Draws}

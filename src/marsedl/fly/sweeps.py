@@ -58,10 +58,10 @@ def _statistics(flights, name, percentiles):
 
 def _own(flights, name, percentile, confidence):
     """Value, both ends of its interval, flights and note of one statistic of one case."""
-    if flights.is_condition(name):
-        return tuple(flights.probability(name, confidence))
     counted, note = flights._counted()
-    if percentile is None:
+    if flights.is_condition(name):
+        value, lower, upper, *_ = flights.probability(name, confidence)
+    elif percentile is None:
         value, (lower, upper) = mean_interval(flights.values(name)[counted], confidence)
     else:
         row = flights.percentiles(name, percentile, confidence).iloc[0]

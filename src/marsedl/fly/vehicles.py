@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from marsedl.fly import dynamics
 from marsedl.fly.actuators import Actuator, Coordinates
 from marsedl.fly.declared import (
     MARS,
@@ -27,6 +28,7 @@ from marsedl.fly.declared import (
 )
 from marsedl.fly.own_air import OwnAir, Profiles, Wind, beside, varied
 from marsedl.models.atmosphere import uniform_cells, uniform_nodes
+from marsedl.montecarlo.flights import Flight
 from marsedl.words import require
 
 __all__ = ["Entry", "Lander", "Model"]
@@ -172,8 +174,6 @@ def parts_of(flight) -> dict[str, Any]:
 
 
 def _bound_again(parts, *others):
-    from marsedl.montecarlo.flights import Flight
-
     return Model(Flight(**parts), *others)
 
 
@@ -227,8 +227,6 @@ class Entry:
 
     def model(self) -> Model:
         """The model that flies."""
-        from marsedl.fly import dynamics
-
         self._require_kinds()
         planet = Planet(*(one.mean if isinstance(one, Normal | Uniform) else one for one in self.planet))
         _require_planet(planet)
@@ -305,9 +303,6 @@ class Entry:
                 ballistic_coefficient and lift_to_drag, `p` has gravitational_parameter, radius and rotation_rate.
             functions: further arguments of a `montecarlo.flights.Flight`, such as `sense` and `noise`.
         """
-        from marsedl.fly import dynamics
-        from marsedl.montecarlo.flights import Flight
-
         flight = Flight(rates, look_up=dynamics.look_up, vary=dynamics.vary, **functions)
         return replace(self.model(), flight=flight, warn=None)
 
@@ -330,8 +325,6 @@ class Entry:
 
     def _completed(self, p, start):
         """Parameters that depend on the start. Warns of a start beyond the table of air, or in other units."""
-        from marsedl.fly import dynamics
-
         bottom, spacing, cells = self._mean_air(start["altitude"])
         altitude, velocity = start["altitude"], start.get("velocity", np.inf)
         mean = self._mean_density()
@@ -369,7 +362,9 @@ class Lander:
     Start: downrange, altitude (m), downrange_velocity, vertical_velocity (m/s) and mass (kg), of which laws are told.
     The command, thrust_downrange and thrust_vertical (N), is scaled to the limits of its magnitude. One of zero
     gives no thrust, whatever the smallest thrust is, as it has no direction. Flights that burn all of their propellant
-    go on without thrust, are called "out of propellant" and count in no statistics.
+    go on without thrust, are called "out of propellant" and count in no statistics. In the integration step in which it
+    runs out, the thrust is the mean one that burns what is left, below the smallest thrust, too: the mass does not fall
+    below the dry one, but for rounding, and the speed is that of the rocket equation.
 
     Args:
         largest_thrust, smallest_thrust: N. specific_impulse: s. thrust_scale: true over commanded thrust, 1. All may be
@@ -405,26 +400,23 @@ class Lander:
 
     def model(self) -> Model:
         """The model that flies."""
-        from marsedl.fly import dynamics
-
         vehicle = (self.specific_impulse, self.smallest_thrust, self.largest_thrust, self.thrust_scale)
         p = dynamics.LanderParameters(self.gravity, self.thrust_noise, self.dry_mass)
         require_numbers(p, "Lander")
+        gravity, noise, dry_mass = map(float, p)
         return Model(
             dynamics.LANDER,
-            p=dynamics.LanderParameters(*map(float, p)),
+            p=dynamics.LanderParameters(gravity, noise, max(dry_mass, dynamics.SPENT)),  # something has to be left
             vehicle=dynamics.LanderVehicle(*vehicle),
             warn=lambda p, final: _under_the_ground(final["altitude"], self.ground),
             bounds=LANDER_BOUNDS | {"mass": (max(self.dry_mass, POSITIVE[0]), np.inf)},
             ends=_on_the_ground(self.ground),
-            failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass},
+            failed=lambda p, final: {"out of propellant": final["mass"] <= p.dry_mass + dynamics.SPENT},
             **{"quantities": LANDER_QUANTITIES, **self._engine()},
         )
 
     def _engine(self):
         """Actuators of thrust and tilt, and what else a model with them has."""
-        from marsedl.fly import dynamics
-
         tilt, rate = _angle(self, "largest_tilt"), _angle(self, "tilt_rate")
         require(
             tilt is None or (is_number(tilt) and tilt > 0.0), f"largest_tilt is {tilt!r} rad; give a positive number"

@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.summaries import summary
 
-__all__ = ["Regulator", "at_half_steps", "tvlqr"]
+__all__ = ["Regulator", "at_half_steps", "discrete_regulator", "tvlqr"]
 
 
 class Regulator(NamedTuple):
@@ -78,11 +78,28 @@ def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight,
     across = expm(joint)
     transitions, effects = across[:, :nx, :nx], across[:, :nx, nx:]
 
+    return discrete_regulator(
+        transitions, effects, steps, state_weight, steps[:, None, None] * control_weight, terminal_weight
+    )
+
+
+def discrete_regulator(transitions, effects, steps, state_weight, control_weights, terminal_weight):
+    """The recursion of `tvlqr` for steps that are discrete already.
+
+    Args:
+        transitions, effects: $A_k$ (n, nx, nx) and $B_k$ (n, nx, nu) of the steps.
+        steps: lengths h, (n,), s.
+        state_weight: Q, (nx, nx), per second. control_weights: h R of every step, (n, nu, nu).
+        terminal_weight: $Q_f$, (nx, nx).
+
+    Returns:
+        `Regulator`.
+    """
+    count, nx, nu = np.shape(effects)
     gains, values = np.empty((count, nu, nx)), np.empty((count + 1, nx, nx))
     values[-1] = terminal_weight
     for k in reversed(range(count)):
-        value, effect = values[k + 1], effects[k]
-        weight = steps[k] * control_weight
+        value, effect, weight = values[k + 1], effects[k], control_weights[k]
         gains[k] = -np.linalg.solve(weight + effect.T @ value @ effect, effect.T @ value @ transitions[k])
         closed = transitions[k] + effect @ gains[k]
         value_here = steps[k] * state_weight + gains[k].T @ weight @ gains[k] + closed.T @ value @ closed

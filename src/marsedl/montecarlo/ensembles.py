@@ -63,6 +63,15 @@ class Trajectories:
             np.copyto(stored, np.nan, where=self.after_end[:, np.newaxis])
         return self
 
+    def with_ends(self):
+        """As `cleared`, but with the end of a trial that ended between two outputs in the row of the later one.
+
+        For flights of the engine, whose last row is each trial's own end.
+        """
+        ends, early = self.history[-1].T.copy(), np.flatnonzero(self.length < len(self.history))
+        self.cleared().history[self.length[early], :, early] = ends[early]
+        return self
+
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
         given = (field.name for field in fields(self) if getattr(self, field.name) is not None)

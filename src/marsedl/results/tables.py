@@ -8,6 +8,7 @@ from marsedl.replication.claims.rows import claims_table, read_claims
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import CORRECTED
 from marsedl.results.builds import find
+from marsedl.scenarios import SCENARIOS
 
 # Columns of `verdicts` that are fields of a claim, of its margin and of its counterexample.
 _CLAIM = ("kind", "where", "quantity", "reading", "verdict", "errata", "choices", "thin")
@@ -61,6 +62,36 @@ def table(paper: str, name: str, reading: str = CORRECTED, build: str | Path | N
         if frame[column].dtype == float and 0 < len(written) < len(frame) and written.str.fullmatch(r"[+-]?\d+").all():
             frame[column] = frame[column].astype("Int64")
     return frame
+
+
+def arena(build: str | Path | None = None) -> pd.DataFrame:
+    """Return what came out of guidance laws beside each other, in one long table.
+
+    Columns: scenario, condition, tier, law, number (mean, p99, inside, median_end_time and others), unit, value, lower,
+    upper (of its 95 % interval; NaN where it has none), trials, best_place and worst_place of the law by the mean
+    miss, and the same with _in_box.
+
+    Raises InputError if no scenario is built.
+    """
+    found = find(build)
+    files = {name: found.folder / "figures" / "arena" / name / "ranks.csv" for name in SCENARIOS}
+    built = {name: pd.read_csv(path) for name, path in files.items() if path.exists()}
+    if not built:
+        raise InputError(f"{found.folder}/figures/arena holds no tables; run 'snakemake arena'")
+    places = [f"{which}_place{what}" for what in ("", "_in_box") for which in ("best", "worst")]
+    of_law = ["condition", "tier", "law", "trials", *places]
+    rows = []
+    for scenario, table in built.items():
+        plain = {column: column.partition(" (")[0] for column in table}
+        units = {name: column.partition(" (")[2].rstrip(")") for column, name in plain.items()}
+        for row in table.rename(columns=plain).to_dict("records"):
+            laws = {"scenario": scenario, **{name: row[name] for name in of_law}}
+            for name in row.keys() - {*of_law, "lost"}:
+                if not name.endswith(("_lower", "_upper")):
+                    ends = {end: row.get(f"{name}_{end}", float("nan")) for end in ("lower", "upper")}
+                    rows.append({**laws, "number": name, "unit": units[name], "value": row[name], **ends})
+    order = ["scenario", "condition", "tier", "law", "number", "unit", "value", "lower", "upper", *of_law[3:]]
+    return pd.DataFrame(rows)[order].sort_values(order[:5], ignore_index=True)
 
 
 def universes(paper: str, build: str | Path | None = None, *, committed: bool = False) -> pd.DataFrame:

@@ -8,7 +8,10 @@ from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs.yaml_file import read_yaml
 from marsedl.replication.pipeline.catalogue import TEXTS, Arena
 
-SCENARIOS = {"entry": "stochastic_entry"}  # by name, the paper whose `corrected` inputs it takes
+SCENARIOS = {
+    "entry": "stochastic_entry",
+    "descent": "powered_descent",
+}  # by name, the paper whose `corrected` inputs it takes
 
 
 def load(name: str, root: Path, file: Path | None = None):

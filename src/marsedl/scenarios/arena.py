@@ -12,7 +12,9 @@ from marsedl.scenarios.scenario import POOLS, Resident, Scenario
 
 __all__ = ["Scores", "flown", "joined", "pairs", "table", "tuned"]
 
+BOTH = ("mean", "inside")  # by what laws have places
 TUNING_FLIGHTS = 4_000  # of one law
+LOST = 10.0  # times the largest miss in the box: what a lost flight counts in tuning
 TUNING_TRIES = 8  # sets of numbers between which a law is chosen; the first one is that of its authors
 
 
@@ -64,7 +66,7 @@ class Try(NamedTuple):
     """One set of numbers of a law, and what it gave on the pool for tuning."""
 
     numbers: dict[str, float]  # none: the law as its authors give it
-    mean: float  # miss, m; NaN: it could not be designed, or lost trials
+    mean: float  # miss, m, with that of lost trials; NaN: it could not be designed
     saturated: float  # guidance periods with a limit in action, on average
 
 
@@ -72,7 +74,7 @@ def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights
     """Try a law with as many sets of numbers as every law has, the same flights for each; the best one is the first.
 
     The first try is the law as its authors give it; the others are points of a Sobol sequence between the bounds, on a
-    logarithmic scale. Flights are those of the pool for tuning.
+    logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box.
     """
     from scipy.stats import qmc
 
@@ -89,28 +91,34 @@ def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights
             found.append(Try(numbers, np.nan, np.nan))
             continue
         scores = flown(scenario, law, condition, POOLS["tuning"], 0, max(flights // TUNING_TRIES, 1))
-        # Not the mean of a few: a trial that is lost makes it NaN.
-        found.append(Try(numbers, float(scores["miss"].mean()), float(np.nanmean(scores["saturated"]))))
+        misses = np.where(np.isfinite(scores["miss"]), scores["miss"], LOST * scenario.largest_miss)
+        known = scores["saturated"][np.isfinite(scores["saturated"])]
+        found.append(Try(numbers, float(misses.mean()), float(known.mean()) if known.size else np.nan))
     return sorted(found, key=lambda one: (np.isnan(one.mean), one.mean))
 
 
 def table(scores: Mapping[str, Scores], confidence=0.95):
-    """One row a law, the best first: estimates with their intervals, medians of all else, trials lost by cause.
+    """One row a law, those first that end most often inside of the box.
+
+    They hold estimates with their intervals, medians of all else, and trials lost by cause.
 
     Args:
         scores: by law, all of the same trials. confidence: of each interval, and of all pairs at once.
 
     Returns:
-        Data frame: law, place (best and worst one that is left open), an `Estimate` each in three columns, such as
-        mean, mean_lower and mean_upper (m), and lost by outcome.
+        Data frame: law, best and worst place that intervals leave open (by the mean miss, and in the box), an
+        `Estimate` each in three columns, such as mean, mean_lower and mean_upper (m), and lost by outcome.
     """
     import pandas as pd
 
-    ranks = places(pairs_of(scores, confidence)) if len(scores) > 1 else dict.fromkeys(scores, (1, 1))
+    differences = pairs_of(scores, confidence)
+    by_miss, in_box = (places(differences, what) if differences else dict.fromkeys(scores, (1, 1)) for what in BOTH)
     rows = []
     for law, one in scores.items():
         counted = one["miss"][np.isfinite(one["miss"])]
-        row = {"law": law, "best_place": ranks[law][0], "worst_place": ranks[law][1], "trials": one.outcome.size}
+        row = {"law": law, "trials": one.outcome.size}
+        for name, found in (("", by_miss), ("_in_box", in_box)):
+            row |= {f"best_place{name}": found[law][0], f"worst_place{name}": found[law][1]}
         for name, estimate in summary_of(counted, one["inside"] > 0.5, confidence).items():
             row |= {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
         others = [name for name in one.names if name not in ("miss", "inside")]
@@ -118,7 +126,7 @@ def table(scores: Mapping[str, Scores], confidence=0.95):
         kinds, counts = np.unique(one.outcome[~np.isfinite(one["miss"])], return_counts=True)
         row["lost"] = "; ".join(f"{count} {kind}" for kind, count in zip(kinds, counts, strict=True))
         rows.append(row)
-    return pd.DataFrame(rows).sort_values("mean", kind="stable", ignore_index=True)
+    return pd.DataFrame(rows).sort_values(["inside", "mean"], ascending=[False, True], ignore_index=True)
 
 
 def pairs_of(scores: Mapping[str, Scores], confidence=0.95):

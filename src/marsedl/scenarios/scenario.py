@@ -49,6 +49,7 @@ class Scenario:
     residents: ClassVar[Mapping[str, Resident]]
     columns: ClassVar[Mapping[str, tuple[str, str]]]  # unit and meaning of every number of `scores`
     box: ClassVar[str]  # what `inside` means, in words
+    digits: ClassVar[str]  # of a miss in m, as readers see it
     correlated: ClassVar[str]  # what is drawn together, in words
     budgeted: ClassVar[tuple[str, ...]]  # quantities whose variance is told apart by its sources
 
@@ -90,6 +91,11 @@ class Scenario:
             for key, value in self.conditions[condition].changed.items()
         )
         return typed_inputs(self.model, self.root, {**self.sources, **changed}, self.place)
+
+    @property
+    def largest_miss(self) -> float:
+        """Largest miss inside of the box, m."""
+        raise NotImplementedError
 
     @property
     def onboard(self):

@@ -139,7 +139,9 @@ class Shown:
                     )
 
     def seal(self) -> dict:
-        """The sealed table of these flights."""
+        """The sealed table: that of today's code, or else one of these flights."""
+        if self.is_sealed:
+            return dict(self.sealed)
         return {
             "world": self.world,
             "trials": int(self.trials.size),
@@ -155,16 +157,19 @@ class Shown:
 
 def ranks(shown: Shown):
     """Every law in every condition."""
+    digits = shown.scenario.digits
     columns = {
         "condition": Column(),
         "tier": Column(meaning="exact, dispersed or wrong"),
         "law": Column(),
-        "best_place": Column(meaning="best place that the intervals of all pairs leave open"),
-        "worst_place": Column(meaning="worst place that they leave open"),
         "trials": Column(),
+        "best_place": Column(meaning="by the mean miss: the best place that the intervals of all pairs leave open"),
+        "worst_place": Column(meaning="the worst place that they leave open"),
+        "best_place_in_box": Column(meaning="by the share in the box: the best place that they leave open"),
+        "worst_place_in_box": Column(meaning="by the share in the box: the worst one"),
     }
     for name in MISSES:
-        columns[name] = Column("m", ".0f", WORDS[name], interval=(f"{name}_lower", f"{name}_upper"))
+        columns[name] = Column("m", digits, WORDS[name], interval=(f"{name}_lower", f"{name}_upper"))
         columns |= {f"{name}_{end}": Column("m", ".0f", f"{end} end of its interval") for end in ("lower", "upper")}
     columns["inside"] = Column(
         "", ".4f", f"share inside of the box: {shown.scenario.box}", interval=("inside_lower", "inside_upper")
@@ -182,7 +187,7 @@ def ranks(shown: Shown):
 def pairs(shown: Shown):
     """Differences of two laws in the same trials."""
     columns = {"condition": Column(), "first": Column(), "second": Column()}
-    for name, unit, digits in (("mean", "m", ".0f"), ("inside", "", ".4f")):
+    for name, unit, digits in (("mean", "m", shown.scenario.digits), ("inside", "", ".4f")):
         what = "difference of the mean misses" if name == "mean" else "difference of the shares inside of the box"
         columns[name] = Column(unit, digits, what, interval=(f"{name}_lower", f"{name}_upper"))
         columns |= {f"{name}_{end}": Column(unit, digits, f"{end} end of its interval") for end in ("lower", "upper")}
@@ -291,7 +296,7 @@ def tuning(shown: Shown):
     columns = {
         "law": Column(),
         "numbers": Column(meaning="that were tried"),
-        "mean miss": Column("m", ".0f", "on the pool for tuning; none where it lost trials or has no design"),
+        "mean miss": Column("m", shown.scenario.digits, "on the pool for tuning; a lost flight misses by ten boxes"),
         "saturated": Column("", ".1f", "guidance periods in which limits acted, on average"),
         "chosen": Column(),
     }

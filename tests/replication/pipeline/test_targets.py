@@ -43,7 +43,7 @@ def test_what_is_made_or_is_not_ours_may_be_asked_for(products, words):
     ("word", "message"),
     [
         ("powerd_descent", "there is no target 'powerd_descent'; did you mean 'powered_descent'?"),
-        ("fig07.png", "there is no target 'fig07.png'; valid names: all, claims"),
+        ("fig07.png", "there is no target 'fig07.png'; valid names: all, arena"),
         ("", "there is no target ''"),
         ("figures/powered_descent/fig7.png", "did you mean 'figures/powered_descent/fig07.png'?"),
         ("figures/powerd_descent/fig07.png", "did you mean 'figures/powered_descent/fig07.png'?"),

@@ -277,7 +277,7 @@ def test_the_zip_holds_all_other_files(site):
 
 
 def test_tags_balance_ids_are_unique_and_tables_have_captions(pages):
-    assert len(pages) == 7
+    assert len(pages) == 8
     for page in pages.values():
         assert page.open == []
         assert len(page.ids) == len(set(page.ids))

@@ -29,6 +29,7 @@ __all__ = [
     "closed_loop",
     "diagonal_blocks",
     "margins",
+    "present_gains",
     "stacked",
 ]
 
@@ -394,6 +395,36 @@ def margins(program, law):
         Margin(kind, name, quantity, float(value), float(limit), float((value - limit) / (size or 1.0)))
         for kind, name, quantity, value, limit, size in rows
     )
+
+
+def present_gains(system, law):
+    r"""Gains on the present state alone that come nearest to a law of all past states.
+
+        $K_k = \text{Cov}(u_k, x_k) \, P_k^{+}$
+
+    is the regression of the control on the state. Where the disturbances are white, nothing else of the past counts and
+    the law stays the same.
+
+    Args:
+        system: `BlockSystem` that the law is for.
+        law: `SteeringLaw`.
+
+    Returns:
+        Gains, (N, m, n).
+    """
+    intervals, n, m = system.control.shape
+    blocks = stacked(system)
+    history = law.gain.transpose(0, 2, 1, 3).reshape(intervals * m, -1)
+    response = np.linalg.inv(np.eye((intervals + 1) * n) - blocks.control @ history)
+    initial, disturbed = response @ blocks.transition, response @ blocks.disturbance
+    covariance = initial @ system.initial_covariance @ initial.T
+    covariance += disturbed @ system.disturbance_covariance @ disturbed.T
+    cross = (history @ covariance).reshape(intervals, m, intervals + 1, n)
+    gains = []
+    for k in range(intervals):
+        deviation, scaled = correlations("covariance", law.covariance[k])
+        gains.append(cross[k, :, k] / deviation @ np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) / deviation)
+    return np.array(gains)
 
 
 def diagonal_blocks(matrix, size):

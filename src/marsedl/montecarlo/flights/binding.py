@@ -18,7 +18,8 @@ from marsedl.words import described, remedy, require
 _PLACE = ("half_index", "time", "cycle", "state", "found")
 _SCENE = (*_PLACE, "guided", "sensed", "nav", "command", "memory", "vehicle", "p")
 OFFERED = {
-    "rates": ("half_index", "time", "state", "found", "command", "vehicle", "noise", "p"),
+    "rates": ("half_index", "time", "before", "step", "state", "found", "command", "flown", "vehicle", "noise", "p"),
+    "actuate": ("half_index", "time", "command", "vehicle", "p"),
     "look_up": ("half_index", "time", "state", "air", "p"),
     "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
     "interrupts": ("time", "state", "memory", "vehicle", "law", "p"),
@@ -38,6 +39,7 @@ OFFERED = {
 
 PARTS = {
     "rates": ("state",),
+    "actuate": ("flown",),
     "look_up": ("found",),
     "sense": ("sensed",),
     "navigate": ("nav",),
@@ -161,8 +163,8 @@ def compiled(function, role, kinds, *, masked=False, single=False):
     space["function"]._compiler.pipeline_class = _compiler()
     names, reads = asked(function, role), {"air": "column(air, lane)", "past": "column(past, lane)"}
     reads["guided"] = "guided[0, lane]"
-    if role == "finish":
-        reads["time"] = "time[0, lane]"  # each its own
+    if role in ("store", "observe", "finish"):
+        reads["time"] = "time[0, lane]"  # each its own, as flights end at different times
     for name in () if role == "vary" else kinds:
         space[f"get_{name}"], reads[name] = getter(kinds[name]), f"get_{name}({name}, lane)"
     call = f"function({', '.join(reads.get(name, name) for name in names)})"

@@ -112,7 +112,7 @@ def _loop_alone(role, function, kinds, p_shape, law_shape):
     rows = {name: len(kinds["state" if name == "slope" else name]._fields) for name in (*parts, *written)}
     space = {"loop": compiled(function, role, kinds), "lane_array": lane_array, "LANES": LANES}
     space |= {"dress_p": dresser(p_shape), "dress_law": dresser(law_shape)}
-    values = {"half_index": "2", "cycle": "1", "time": "0.5", "share": "0.0", "past": "given"}
+    values = {"half_index": "2", "cycle": "1", "time": "0.5", "step": "0.5", "share": "0.0", "past": "given"}
     lines = ["def alone(p_values, law_values, given, out):", "    p, law = dress_p(p_values), dress_law(law_values)"]
     each = ["        for lane in range(LANES):"]
     for name in (*parts, *written):

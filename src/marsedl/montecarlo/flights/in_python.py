@@ -8,7 +8,7 @@ from marsedl.montecarlo.flights.arithmetic import answer, numpy_numbers, warn
 from marsedl.montecarlo.flights.binding import PARTS, Nothing, asked
 from marsedl.montecarlo.flights.model import check_start, table_of, width_of
 from marsedl.montecarlo.outcomes import COMPLETED, MET_AT_THE_START, NOTHING
-from marsedl.montecarlo.streams import normals, one_normal
+from marsedl.montecarlo.streams import normals
 from marsedl.stepping import runge_kutta_4
 from marsedl.words import described, require
 
@@ -44,9 +44,8 @@ def fly(flight, trial, given):
         now["drawn"] = parts["drawn"](*[np.float64(0.0)] * len(parts["drawn"]._fields))
 
     def drawn(stream, count):
-        if given.only is None:
-            return normals(given.seed, stream, [trial], count)[0]
-        return one_normal(stream, np.asarray(given.only)[:, own : own + 1], count)[0]
+        only = None if given.only is None else np.asarray(given.only)[:, own : own + 1]
+        return normals(given.seed, stream, [trial], count, only)[0]
 
     if "vary" in flight.classes and air is None:
         for node, normal in zip(reversed(range(nodes)), drawn(given.streams[1], nodes), strict=True):
@@ -90,7 +89,7 @@ def fly(flight, trial, given):
             now["guided"] = np.float64(1.0)
         if "watch" in flight.classes and (guides or (watch_steps and end_time is None)):
             watched = model("watch", watched=watched)
-        if stores or (over and schedule.stores_end and end_time is None):
+        if stores or (over and schedule.stores_end):
             row = times - 1 if over else flown // schedule.every
             history[row, :, 0] = model("store")[: history.shape[1]]
             observed[row, :, 0] = model("observe")
@@ -101,13 +100,14 @@ def fly(flight, trial, given):
         for increment in draws[flown]:
             white = [sum_ + number for sum_, number in zip(white, increment, strict=True)]
         now["noise"] = noise_class(*(number * (np.sqrt(step / increments) / step) for number in white)) if size else ()
-        before, now["state"] = now["state"], _advanced(model, flight.options["integrator"], step)
+        now |= {"before": now["state"], "step": step}
+        now["state"] = _advanced(model, flight.options["integrator"], step)
         met = _met_by(_excess(model, now["state"], time + step, 2 * flown + 2)) if ends else None
         if met is not None:
             part = step
             if finds_root:
                 tolerance = flight.options["end_tolerance"]
-                part, now["state"], met = _to_end(model, before, now["state"], step, tolerance)
+                part, now["state"], met = _to_end(model, now["before"], now["state"], step, tolerance)
             end_time, length = time + part, flown // schedule.every + 1
             ended_by = met if ended_by == NOTHING else ended_by
         flown += 1
@@ -170,7 +170,7 @@ def check_returned(function, result, kinds):
 
 def _slope(model, state, time, half_index):
     at = {"state": state, "time": time, "half_index": half_index}
-    return model("rates", **at, found=model("look_up", **at))
+    return model("rates", **at, found=model("look_up", **at), flown=model("actuate", **at))
 
 
 def _advanced(model, integrator, step):

@@ -53,6 +53,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         return compiled(function, role, kinds, **options) if function else absent
 
     rates, rates_of_one = loop("rates"), loop("rates", single=True)
+    actuate, actuate_one = loop("actuate"), loop("actuate", single=True)
     look_up, look_up_one = loop("look_up"), loop("look_up", single=True)
     ended, ended_one = loop("ended"), loop("ended", single=True)
     sense, sense_one = loop("sense"), loop("sense", single=True)
@@ -68,6 +69,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     )
     phases, finds_root = len(model.guides), model.classes.get("ended") is not bool
     judged = asked(model.functions["ended"], "ended") if ends else ()
+    looks_back = "before" in asked(model.functions["rates"], "rates")
     judges_sensed = "sensed" in judged
     judges_found = judges_sensed or "found" in judged
     STATES, FOUND, SENSED, NAV, DRAWS, ADVICE, COMMANDS, VEHICLE, NOISES, DRAWN, WATCHED, STORED, OBSERVED, FINAL = (
@@ -77,23 +79,27 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             *("watched", "stored", "observed", "final"),
         )
     )
+    MOVED, actuates = len(kinds["flown"]._fields), model.functions["actuate"] is not None
     dress_p, dress_law = dresser(p_shape), dresser(law_shape)
 
     @inline_called_njit
     def drift(half_index, state, noise, parameters, out):
-        time, base, step, found, command, vehicle, air, p, known = parameters
+        time, base, step, before, found, command, vehicle, air, p, known, moved, moved_at = parameters
         now = time + 0.5 * step * (half_index - base)
         if not known[0]:
             look_up(half_index, now, state, air, p, found)
         known[0] = False  # what was looked up at the start of a step serves its first stage
-        rates(half_index, now, state, found, command, vehicle, noise, p, out)
+        if actuates and moved_at[0] != half_index:  # two stages of a step are in its middle
+            actuate(half_index, now, command, vehicle, p, moved)
+            moved_at[0] = half_index
+        rates(half_index, now, before, step, state, found, command, moved, vehicle, noise, p, out)
 
     advance = model.options["integrator"](drift)
 
     @named_njit
-    def step_lane(part, lane, before, parameters, noise, state, slope, end):
-        """Fly a part of a Runge-Kutta step of a single lane, from `before` to `end`."""
-        time, base, _, found, command, vehicle, air, p, _ = parameters
+    def step_lane(part, lane, parameters, noise, state, slope, end):
+        """Fly a part of a Runge-Kutta step of a single lane to `end`."""
+        time, base, step, before, found, command, vehicle, air, p, _, moved, _ = parameters
         for row in range(STATES):
             slope[row, lane] = 0.0
         for stage in range(4):
@@ -102,7 +108,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 state[row, lane] = before[row, lane] + ahead * part * slope[row, lane]
             now, half_index = time + ahead * part, base + int(2.0 * ahead)
             look_up_one(lane, half_index, now, state, air, p, found)
-            rates_of_one(lane, half_index, now, state, found, command, vehicle, noise, p, slope)
+            actuate_one(lane, half_index, now, command, vehicle, p, moved)
+            rates_of_one(lane, half_index, now, before, step, state, found, command, moved, vehicle, noise, p, slope)
             weight = part / 6.0 if stage in (0, 3) else part / 3.0
             for row in range(STATES):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
@@ -110,7 +117,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     @named_njit
     def excess_of(lane, now, half_index, state, found, sensed, parameters, excess):
         """Evaluate `ended` for a single lane, and what it asks for."""
-        command, vehicle, air, p = parameters[4:8]
+        command, vehicle, air, p = parameters[5:9]
         if judges_found:
             look_up_one(lane, half_index, now, state, air, p, found)
         if judges_sensed:
@@ -118,20 +125,20 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         ended_one(lane, now, state, found, sensed, vehicle, p, excess)
 
     @named_njit
-    def to_end(lane, before, parameters, noise, state, slope, end, sensed, excess):
+    def to_end(lane, parameters, noise, state, slope, end, sensed, excess):
         """Fly the part of a step after which `ended` is zero, and return it; `end` was the end of the whole step."""
-        time, base, step, found = parameters[:4]
+        time, base, step, before, found = parameters[:5]
         excess_of(lane, time, base, before, found, sensed, parameters, excess)
         part, above = step, excess[0, lane]
         excess_of(lane, time + step, base + 2, end, found, sensed, parameters, excess)
         bracket = (0.0, step, above, excess[0, lane], 0.0)
         if above <= 0.0:  # it began behind its end
-            step_lane(0.0, lane, before, parameters, noise, state, slope, end)
+            step_lane(0.0, lane, parameters, noise, state, slope, end)
             return 0.0
         for _ in range(END_ITERATIONS):
             lower, upper, above, below, _ = bracket
             part = (lower * below - upper * above) / (below - above)
-            step_lane(part, lane, before, parameters, noise, state, slope, end)
+            step_lane(part, lane, parameters, noise, state, slope, end)
             excess_of(lane, time + part, base + 2, end, found, sensed, parameters, excess)
             if abs(excess[0, lane]) <= end_tolerance:
                 break
@@ -224,6 +231,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
+        moved, moved_at = lane_array(MOVED), np.empty(1, np.int64)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
         for row in range(DRAWN):
             for lane in range(LANES):
@@ -301,9 +309,12 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 ending, asked = 1.0 if over else 0.0, flying if watch_steps else chosen
                 seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
                 watch(watched, ending, *seen_by, asked)
+            if stores or over:
+                for lane in range(LANES):
+                    end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
+                seen_by = (half_index, end_time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
                 store(*seen_by, stored)
                 observe(*seen_by, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
@@ -338,8 +349,9 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                     for lane in range(LANES):
                         noise[component, lane] *= scale
 
-            parameters = (time, half_index, step, found, command, vehicle, air, p, known)
-            if ends:
+            parameters = (time, half_index, step, before, found, command, vehicle, air, p, known, moved, moved_at)
+            moved_at[0] = -1
+            if ends or looks_back:
                 for row in range(STATES):
                     for lane in range(LANES):
                         before[row, lane] = state[row, lane]
@@ -363,7 +375,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                                 at_end[row, lane] = state[row, lane]
                             part = step
                             if finds_root:
-                                part = to_end(lane, before, parameters, noise, *work[:2], at_end, sensed, excess)
+                                part = to_end(lane, parameters, noise, *work[:2], at_end, sensed, excess)
                             if ended_by[first + lane] == NOTHING:
                                 ended_by[first + lane] = np.int8(excess[1, lane])
                             end_time[0, lane] = time + part
@@ -374,8 +386,6 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             if substep == cycle_steps[cycle]:
                 cycle, substep = cycle + 1, 0
 
-        for lane in range(LANES):
-            end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
         finish(end_time, state, found, sensed, nav, command, memory, vehicle, drawn, watched, p, final)
         for row in range(FINAL):
             for lane in range(LANES):

@@ -79,6 +79,7 @@ class Flight:
         self,
         rates,
         *,
+        actuate=None,
         look_up=None,
         sense=None,
         navigate=None,
@@ -158,6 +159,7 @@ class Flight:
         command, memory = guided[0] if guided else (Nothing, Nothing)
         self.parts = {name: self.classes.get(role, Nothing) for role, (name, *_) in PARTS.items()}
         self.parts |= {"command": command, "memory": memory, "drawn": kinds["vary"][1] if vary else Nothing}
+        self.parts["before"] = state
         self.options = {
             "integrator": integrator,
             "noise": noise,
@@ -214,7 +216,8 @@ class Flight:
 
         Returns:
             `Trajectories`: history and observed are what `store` and `observe` returned, observed_maximum what `watch`
-            did at last, final_state what `finish` did; length is the number of stored states up to the end.
+            did at last, final_state what `finish` did; length is the number of stored states up to the end. If the
+            schedule stores its end, the last row is that of each trial's own end.
 
         Raises:
             ValueError: for a start that is not finite, or numbers of trials that differ.
@@ -306,7 +309,7 @@ class Flight:
         """Fly one trial by the functions as they are written: errors name their lines, `print` and debuggers work.
 
         Arguments are those of `fly` but `into`; `start`, `vehicle` and `air` may hold all trials or this one alone.
-        Returns `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end.
+        Returns `Trajectories` of one trial, the bits being those of `fly`; NaN beyond its end, up to the last row.
         """
         from marsedl.montecarlo.flights.in_python import fly
 

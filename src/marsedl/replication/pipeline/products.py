@@ -57,13 +57,15 @@ class Products:
         size: str = FULL,
         arenas: Mapping[str, Arena] = {},
         trials: int | None = None,
+        chunks: int | None = None,
     ):
         """Take the project's folder, the catalogues and readings of all papers, and the comparisons across them.
 
-        arenas: scenarios in which laws are compared; trials: of each law there, None for a sample
+        arenas: scenarios in which laws are compared; trials: of each law there, None for a sample; chunks: so many
+        jobs fly them
         """
         self.root, self.papers, self.studies, self.comparisons, self.size = root, papers, studies, comparisons, size
-        self.arenas, self.trials = arenas, trials
+        self.arenas, self.trials, self.chunks = arenas, trials, chunks
         self.sources = fingerprints_of(root)
         self.job, self._reached = cache(self._job), cache(self._reached_by)
         self._world = cache(self._world_of)  # not to be changed
@@ -236,7 +238,8 @@ class Products:
         there is no table of this code.
         """
         if self.trials:
-            return [[[first, min(CHUNK, self.trials - first)]] for first in range(0, self.trials, CHUNK)]
+            chunk = -(-self.trials // self.chunks) if self.chunks else CHUNK
+            return [[[first, min(chunk, self.trials - first)]] for first in range(0, self.trials, chunk)]
         if self.size != FULL:
             return [[[0, 20]]]
         if not self._is_sealed(name, world):
@@ -419,7 +422,7 @@ class Products:
     def _of_the_project(self) -> "Products":
         """The products without a user's own readings."""
         studies = {slug: study.without_own_readings() for slug, study in self.studies.items()}
-        given = self.comparisons, self.size, self.arenas, self.trials
+        given = self.comparisons, self.size, self.arenas, self.trials, self.chunks
         return Products(self.root, self.papers, studies, *given)
 
     def behind(self, targets: Iterable[str], seen: set[str] | None = None) -> Iterator[str]:

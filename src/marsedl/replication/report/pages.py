@@ -40,8 +40,8 @@ def build_site(
     size: str,
     citation: Path,
     comparisons: Mapping[str, Any],
-    arenas: Mapping[str, Arena] = {},
     figures: Path = Path("figures"),
+    arenas: Mapping[str, Arena] = {},
 ) -> None:
     """Write the report on all papers as pages, pictures and a zip of them: the files of `site_files`.
 

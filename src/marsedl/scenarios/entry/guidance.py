@@ -12,7 +12,7 @@ from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
 from marsedl.methods.guidance.targeting import targeting
 from marsedl.papers.stochastic_entry import flight
 
-__all__ = ["Guided", "Memory", "guide", "sensed_of"]
+__all__ = ["Guided", "Memory", "guide", "remembered", "sensed_of"]
 
 
 class Guided(NamedTuple):
@@ -67,12 +67,10 @@ def sensed_of(nav, settings) -> flight.Sensed:
     )
 
 
-def guide(time, cycle, nav, memory, law: Guided) -> tuple[Bank, Memory]:
-    """Bank angle of a table of gains, of its lateral logic and of the heading alignment."""
-    settings, table = law.settings, law.table
-    direction = memory.direction if cycle > 0 else settings.initial_direction
-    remembered = flight.Memory(
-        direction,
+def remembered(cycle, memory, settings) -> flight.Memory:
+    """What a law remembers as the functions of the paper take it; the first direction is that of the settings."""
+    return flight.Memory(
+        memory.direction if cycle > 0 else settings.initial_direction,
         memory.command,
         memory.cosine,
         memory.bank,
@@ -81,13 +79,18 @@ def guide(time, cycle, nav, memory, law: Guided) -> tuple[Bank, Memory]:
         memory.elapsed,
         memory.reversals,
     )
-    sensed = sensed_of(nav, settings)
-    steers = flight.phase(sensed, remembered, table, settings)
+
+
+def guide(time, cycle, nav, memory, law: Guided) -> tuple[Bank, Memory]:
+    """Bank angle of a table of gains, of its lateral logic and of the heading alignment."""
+    settings, table = law.settings, law.table
+    before, sensed = remembered(cycle, memory, settings), sensed_of(nav, settings)
+    steers = flight.phase(sensed, before, table, settings)
     if steers == flight.HEADING:
-        _, after = flight.align_heading(cycle, 0.0, sensed, remembered, settings)
+        _, after = flight.align_heading(cycle, 0.0, sensed, before, settings)
     elif steers == flight.RANGE_BY_TIME:
-        _, after = flight.control_range_by_time(time, cycle, sensed, remembered, table, settings)
+        _, after = flight.control_range_by_time(time, cycle, sensed, before, table, settings)
     else:
         advice = flight.consult(sensed, table, settings)
-        _, after = flight.control_range(time, cycle, sensed, advice, remembered, settings)
+        _, after = flight.control_range(time, cycle, sensed, advice, before, settings)
     return Bank(after.bank), Memory(*after)

@@ -34,7 +34,7 @@ class EntryScenario(Scenario):
 
     name, paper, model, residents = "entry", "stochastic_entry", Inputs, RESIDENTS
     box = "at most 2.5 km from the nominal end, within 2 km of its altitude and 50 m/s of its velocity"
-    correlated, budgeted = "lift and drag coefficients", ("range", "crossrange")
+    digits, correlated, budgeted = ".0f", "lift and drag coefficients", ("range", "crossrange")
     conditions: ClassVar = {
         "exact": Condition("exact", "start and density dispersed, and both known", _EXACT),
         "dispersed": Condition("dispersed", "all errors; ends at a velocity"),
@@ -68,6 +68,11 @@ class EntryScenario(Scenario):
         "saturated": ("1", "guidance periods in which the limits kept the bank angle from its command"),
         "inside": ("1", "whether it ended inside of the box"),
     }
+
+    @property
+    def largest_miss(self):
+        """That of the box."""
+        return self.given.box.largest_miss
 
     @cached_property
     def onboard(self) -> Onboard:

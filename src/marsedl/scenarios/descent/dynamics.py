@@ -1,0 +1,175 @@
+"""Powered descent in three dimensions, with and without gusts: one set of equations for flights and designs.
+
+The plane is a special case: what starts in it and meets no forces across stays in it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.elementary import clip, select
+from marsedl.montecarlo.flights import Flight
+
+__all__ = ["FLIGHT", "Forces", "Parameters", "State", "Thrust", "Vehicle", "magnitude", "rates"]
+
+SMALLEST_SQUARED_THRUST = 1e-300  # keeps a direction's derivative finite at zero thrust
+
+
+class State(NamedTuple):
+    """Of the lander; downrange, across to the right, and up."""
+
+    downrange: float  # m
+    crossrange: float
+    altitude: float
+    downrange_velocity: float  # m/s
+    crossrange_velocity: float
+    vertical_velocity: float
+    mass: float  # kg, as it is known on board
+
+
+class Gusty(NamedTuple):
+    """State and gusts, in N."""
+
+    downrange: float
+    crossrange: float
+    altitude: float
+    downrange_velocity: float
+    crossrange_velocity: float
+    vertical_velocity: float
+    mass: float
+    gust_downrange: float
+    gust_crossrange: float
+    gust_vertical: float
+
+
+class Thrust(NamedTuple):
+    """Command, N."""
+
+    thrust_downrange: float
+    thrust_crossrange: float
+    thrust_vertical: float
+
+
+class Forces(NamedTuple):
+    """White noise of the thrust."""
+
+    downrange: float
+    crossrange: float
+    vertical: float
+
+
+class Disturbances(NamedTuple):
+    """White noise of thrust and gusts."""
+
+    downrange: float
+    crossrange: float
+    vertical: float
+    gust_downrange: float
+    gust_crossrange: float
+    gust_vertical: float
+
+
+class Parameters(NamedTuple):
+    """Of all trials."""
+
+    gravity: float  # m/s^2
+    mass_flow: float  # kg/(N s)
+    dry_mass: float  # kg, without propellant
+    noise: float  # of the thrust, N s^(1/2)
+    across: float = 1.0  # of noise and gusts, over those downrange
+    gust: float = 0.0  # standard deviation, N
+    gust_time: float = 1.0  # s
+
+
+class Vehicle(NamedTuple):
+    """Of a trial."""
+
+    smallest_thrust: float  # N
+    largest_thrust: float
+    thrust_factor: float = 1.0  # true over commanded thrust
+    mass_offset: float = 0.0  # kg, true mass minus that known on board
+
+
+class Watched(NamedTuple):
+    """What is counted in a flight."""
+
+    saturated: float = 0.0  # cycles whose command is beyond the limits of the thrust
+
+
+def magnitude(command):
+    """Norm of a thrust, N."""
+    level = command.thrust_downrange * command.thrust_downrange + command.thrust_crossrange * command.thrust_crossrange
+    return np.sqrt(level + command.thrust_vertical * command.thrust_vertical + SMALLEST_SQUARED_THRUST)
+
+
+def motion(state, thrust, force, vehicle, p) -> State:
+    """Rates under a commanded thrust and forces (downrange, crossrange, vertical), N.
+
+    A command of zero, which has no direction, gives no thrust, whatever the smallest one is; nor is there any without
+    propellant.
+    """
+    wanted = magnitude(thrust)
+    given = vehicle.thrust_factor * clip(wanted, vehicle.smallest_thrust, vehicle.largest_thrust)
+    scale, inverse = select(state.mass > p.dry_mass, given / wanted, 0.0), 1.0 / (state.mass + vehicle.mass_offset)
+    flown = Thrust(scale * thrust.thrust_downrange, scale * thrust.thrust_crossrange, scale * thrust.thrust_vertical)
+    return State(
+        state.downrange_velocity,
+        state.crossrange_velocity,
+        state.vertical_velocity,
+        (flown.thrust_downrange + force[0]) * inverse,
+        (flown.thrust_crossrange + force[1]) * inverse,
+        (flown.thrust_vertical + force[2]) * inverse - p.gravity,
+        -p.mass_flow * magnitude(flown),
+    )
+
+
+def rates(state, command: Thrust, noise: Forces, vehicle, p) -> State:
+    """Without gusts: what designs know."""
+    force = (p.noise * noise.downrange, p.noise * p.across * noise.crossrange, p.noise * noise.vertical)
+    return motion(state, command, force, vehicle, p)
+
+
+def gusty_rates(state, command: Thrust, noise, vehicle, p) -> Gusty:
+    """With gusts, an Ornstein-Uhlenbeck process in time for each component."""
+    force = (
+        p.noise * noise.downrange + state.gust_downrange,
+        p.noise * p.across * noise.crossrange + state.gust_crossrange,
+        p.noise * noise.vertical + state.gust_vertical,
+    )
+    moved = motion(state, command, force, vehicle, p)
+    decay, fresh = 1.0 / p.gust_time, p.gust * np.sqrt(2.0 / p.gust_time)
+    return Gusty(
+        moved.downrange,
+        moved.crossrange,
+        moved.altitude,
+        moved.downrange_velocity,
+        moved.crossrange_velocity,
+        moved.vertical_velocity,
+        moved.mass,
+        fresh * noise.gust_downrange - decay * state.gust_downrange,
+        fresh * p.across * noise.gust_crossrange - decay * state.gust_crossrange,
+        fresh * noise.gust_vertical - decay * state.gust_vertical,
+    )
+
+
+def sense(state) -> State:
+    """All but the gusts."""
+    return State(
+        state.downrange,
+        state.crossrange,
+        state.altitude,
+        state.downrange_velocity,
+        state.crossrange_velocity,
+        state.vertical_velocity,
+        state.mass,
+    )
+
+
+def watch(watched, command, vehicle) -> Watched:
+    """Count commands beyond the limits."""
+    wanted = magnitude(command)
+    beyond = wanted < vehicle.smallest_thrust or wanted > vehicle.largest_thrust
+    return Watched(watched.saturated + (1.0 if beyond else 0.0))
+
+
+FLIGHT = Flight(gusty_rates, noise=Disturbances, sense=sense, watch=watch, watch_steps=False)
