@@ -20,6 +20,7 @@ from marsedl.scenarios.scenario import POOLS, Scenario
 
 __all__ = ["Contest", "law_digest", "looks", "new_law", "scenario_of"]
 
+PRINT = partial(print, sep="\n")
 RESIDENTS_ALONE = "residents"  # folder of what is flown without a law of one's own
 
 
@@ -83,7 +84,7 @@ class Contest:
 
     scenario: Scenario
     condition: str
-    say: Callable = partial(print, sep="\n")
+    say: Callable = PRINT
     laws: dict = field(default_factory=dict)  # by name, as `marsedl.fly.fly` takes them
     refused: dict = field(default_factory=dict)  # residents that cannot fly here, and why
     path: Path | None = None  # of the user's own law
