@@ -487,7 +487,9 @@ def _fly(options) -> None:
 
     if options.trials < 2 or options.tune < 0:
         raise InputError(f"--trials {options.trials}, --tune {options.tune}: give at least 2 trials, and flights")
-    contest = Contest(scenario_of(root, options.scenario), options.condition, _say)
+    here = f"{Path.cwd()}/"  # files are shown as seen from there
+    say = lambda *lines: _say(*(line.replace(here, "") for line in lines))  # noqa: E731
+    contest = Contest(scenario_of(root, options.scenario), options.condition, say)
     if options.law:
         contest.enter(options.law, options.tune)
     contest.against(None if options.against is None else [*filter(None, options.against.split(","))])

@@ -12,7 +12,7 @@ import pytest
 from marsedl import cli
 from marsedl.fly.flights import Flights
 from marsedl.replication.errors import InputError
-from marsedl.scenarios import arena, contest, load
+from marsedl.scenarios import SCENARIOS, arena, contest, load
 from marsedl.scenarios.own_law import own_law
 from marsedl.scenarios.scenario import POOLS, Resident
 
@@ -191,11 +191,16 @@ def test_a_file_a_gain_table_and_a_resident_fly_alike(tmp_path, scenario):
 # ---- new-law and fly -------------------------------------------------------------------------------------------------
 
 
-def test_the_new_law_lands_in_the_box_without_errors(tmp_path, scenario, monkeypatch, capsys):
+@pytest.mark.parametrize("name", [*SCENARIOS])
+def test_the_new_law_lands_in_the_box_without_errors(tmp_path, scenario, name):
+    path, one = contest.new_law("my_law", name, tmp_path), scenario if name == "entry" else load(name, ROOT)
+    _, scores = undispersed(one, own_law(path).design(one.onboard))
+    assert scores["inside"] == 1.0
+
+
+def test_what_is_no_name_of_a_law_a_scenario_or_a_condition_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     path = contest.new_law("my_law", "entry", tmp_path)
-    _, scores = undispersed(scenario, own_law(path).design(scenario.onboard))
-    assert scores["inside"] == 1.0
     for name, where, sentence in (
         ("my_law", "entry", "exists already; give another name"),
         ("my-law", "entry", "'my-law' is no name of a law"),

@@ -4,6 +4,7 @@ import json
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from marsedl.scenarios.scenario import POOLS, Scenario
 
 __all__ = ["Contest", "law_digest", "looks", "new_law", "scenario_of"]
 
+PRINT = partial(print, sep="\n")
 RESIDENTS_ALONE = "residents"  # folder of what is flown without a law of one's own
 
 
@@ -77,12 +79,12 @@ class Contest:
     """Laws that are flown in the same trials of a condition.
 
     Args:
-        scenario, condition: in which they fly. say: called with each line that a user reads.
+        scenario, condition: in which they fly. say: called with lines that a user reads.
     """
 
     scenario: Scenario
     condition: str
-    say: Callable = print
+    say: Callable = PRINT
     laws: dict = field(default_factory=dict)  # by name, as `marsedl.fly.fly` takes them
     refused: dict = field(default_factory=dict)  # residents that cannot fly here, and why
     path: Path | None = None  # of the user's own law

@@ -29,7 +29,7 @@ class Parameters(NamedTuple):
     end: float  # m, range of the target
     crossrange: float  # m, of the target
     azimuth: float  # rad, of the nominal flight at the target
-    gain: float = 2e-5  # 1/m, by which the cosine grows for each metre that is short: more lift up
+    gain: float = 2e-5  # 1/m, by which the bank's cosine grows for each metre that is short: more lift up
     narrow: float = 500.0  # m, predicted crossrange at which the bank is reversed: at 500 m/s,
     wide: float = 4e3  # m, and at 4 km/s
 
@@ -40,7 +40,8 @@ class Memory(NamedTuple):
     side: float = -1.0  # to which the bank goes: 1 right, -1 left
 
 
-TUNED = {"gain": (2e-6, 2e-4)}  # least and largest value that `marsedl fly --tune` tries
+# Least and largest value that `marsedl fly --tune` tries.
+TUNED = {"gain": (2e-6, 2e-4)}
 
 
 def prepare(onboard):
@@ -49,10 +50,13 @@ def prepare(onboard):
     velocity = STEP * np.arange(130)
     slow, fast = np.cos([guidance.nominal_bank_slow, guidance.nominal_bank_fast])
     slows = slice(None, np.argmax(nominal.velocity), -1)  # from the end back to where it begins to slow down
-    flown = end["range"] + nominal.downrange - nominal.downrange[-1]
+
+    def over(values):
+        return np.interp(velocity, nominal.velocity[slows], values[slows])
+
     return Parameters(
         cosine=np.interp(velocity, guidance.ramp_velocities[::-1], (slow, fast)),
-        range=np.interp(velocity, nominal.velocity[slows], flown[slows]),
+        range=over(end["range"] + nominal.downrange - nominal.downrange[-1]),
         end=end["range"],
         crossrange=end["crossrange"],
         azimuth=end["azimuth"],
@@ -68,9 +72,10 @@ def at(table, velocity):
 
 def guide(velocity, range, crossrange, azimuth, drag, memory, law: Parameters) -> tuple[Bank, Memory]:
     """Bank angle of the next second."""
-    short = at(law.range, velocity) - range if drag > 1.0 else 0.0
-    cosine = clip(at(law.cosine, velocity) + law.gain * short, -1.0, 1.0)
+    felt = 1.0 if drag > 1.0 else 0.0  # above, there is no air to steer in
+    cosine = at(law.cosine, velocity)
+    cosine += felt * law.gain * (at(law.range, velocity) - range)
     width = law.narrow + (law.wide - law.narrow) * clip((velocity - 500.0) / 3500.0, 0.0, 1.0)
     right = crossrange - law.crossrange + (azimuth - law.azimuth) * (law.end - range)  # where it goes without bank
     side = -1.0 if right > width else 1.0 if right < -width else memory.side
-    return Bank(side * arc_cosine(cosine)), Memory(side)
+    return Bank(side * arc_cosine(clip(cosine, -1.0, 1.0))), Memory(side)
