@@ -115,7 +115,10 @@ def table(onboard, found: Reshaped) -> flight.Law:
 
     from scipy.optimize import newton
 
-    added = newton(lambda added: flown(added)[1].final_state[DOWNRANGE, 0] - aim, 0.0, x1=1e-2, tol=1e-8)
+    try:
+        added = newton(lambda added: flown(added)[1].final_state[DOWNRANGE, 0] - aim, 0.0, x1=1e-2, tol=1e-8)
+    except RuntimeError as error:
+        raise ValueError(f"no constant added to the reshaped bank cosine reaches the target: {error}") from None
     law, flights = flown(added)
     history = flights.history[~flights.after_end[:, 0], :, 0]
     altitude, velocity, path_angle, downrange, air = history[:, :5].T
