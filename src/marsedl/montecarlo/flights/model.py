@@ -79,7 +79,6 @@ class Flight:
         self,
         rates,
         *,
-        actuate=None,
         look_up=None,
         sense=None,
         navigate=None,
