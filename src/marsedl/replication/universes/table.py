@@ -330,17 +330,26 @@ def held(table: Universes, choices: Choices, number: int, where: object) -> Univ
 
 
 def changed(large: Universes, small: Universes) -> dict[int, str]:
-    """Return by number which universes of the smaller table have other bits in the larger one, and what differs."""
+    """Return by number which universes of the smaller table have other bits in the larger one, and what differs.
+
+    The same universe is the one of the same choices and random numbers: tables of other designs number it otherwise.
+    """
     found = {}
-    for number in map(int, small.number):
-        if number not in large.number:
+    for row, number in enumerate(map(int, small.number)):
+        is_same = (large.seed == small.seed[row]) & _equal_rows(large.assignment, small.assignment[row])
+        if not is_same.any():
             found[number] = "is not among them"
             continue
-        both = moved(_entries(large, number), _entries(small, number), exact)
+        both = moved(_entries(large, int(large.number[is_same][0])), _entries(small, number), exact)
         if one := next((one for one in both if one.size > 0.0), None):
             what = differing(one.before, one.after) if one.is_on_both else "row"
             found[number] = f"has another {what} of {one.name}"
     return found
+
+
+def _equal_rows(rows: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Which rows are the same, NaN at the same places."""
+    return ((rows == row) | (np.isnan(rows) & np.isnan(row))).all(axis=1)
 
 
 def require_same(run: Universes, table: Universes, path: Path) -> None:
