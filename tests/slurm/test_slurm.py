@@ -39,6 +39,7 @@ main()
 """
 SIZE = ("--config", "chunks=2")
 SMOKE = ("--config", "size=smoke", "chunks=3")
+ARENA = ("--config", "size=smoke", "trials=9", "chunks=3")
 GLIDE, HOP = "hypersonic_glide", "short_hop"
 CACHE = f"data/cache/{GLIDE}"
 CASE = f"{CACHE}/corrected/montecarlo.closed_loop.h5"  # its design, two chunks, and their gathering
@@ -165,6 +166,25 @@ def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp
     with Submitted(cluster, other, "all", size=SMOKE) as run:
         run.works(seconds=7200)
         assert set(run.jobs().values()) == {"COMPLETED"}
+    assert digest_tree(other / "build/smoke", PRODUCTS) == digest_tree(folder / "build/smoke", PRODUCTS)
+
+
+@pytest.mark.long
+def test_the_arena_through_slurm_is_the_same_whatever_dies(cluster, tmp_path):
+    """Scattered flights of all laws: a job is cancelled, then Snakemake is killed, then it starts again."""
+    target, flights = "figures/arena/descent/ranks.csv", "arena_flights"
+    folder = copy_tree(ROOT, tmp_path / "local")
+    process = snakemake(folder, target, "--cores", "2", *ARENA)
+    assert process.returncode == 0, process.stdout[-3000:]
+    other = copy_tree(ROOT, tmp_path / "slurm")
+    with Submitted(cluster, other, target, size=ARENA) as run:
+        job = run.running(flights, seconds=1800)
+        cluster.command("scancel", str(job))
+        while run.running(flights) == job:
+            time.sleep(0.1)
+        run.kill()
+    with Submitted(cluster, other, target, "--rerun-incomplete", size=ARENA) as run:
+        run.works(seconds=3600)
     assert digest_tree(other / "build/smoke", PRODUCTS) == digest_tree(folder / "build/smoke", PRODUCTS)
 
 

@@ -10,7 +10,7 @@ from marsedl.scenarios import arena, load
 
 with guarded(snakemake) as job:
     scenario = load(snakemake.wildcards.scenario, Path(snakemake.params.project).resolve())
-    few = {} if job.params["size"] == FULL else {"flights": 2 * arena.TUNING_TRIES}
+    few = {} if job.params["size"] == FULL else {"flights": 4, "most": 2}
     found = {}
     for name, resident in scenario.residents.items():
         found[name] = [one._asdict() for one in arena.tuned(scenario, resident, **few)]

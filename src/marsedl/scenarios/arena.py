@@ -71,18 +71,21 @@ class Try(NamedTuple):
     saturated: float  # guidance periods with a limit in action, on average
 
 
-def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights=TUNING_FLIGHTS) -> list[Try]:
+def tuned(
+    scenario: Scenario, resident: Resident, condition="dispersed", flights=TUNING_FLIGHTS, most=TUNING_TRIES
+) -> list[Try]:
     """Try a law with as many sets of numbers as every law has, the same flights for each; the best one is the first.
 
     The first try is the law as its authors give it; the others are points of a Sobol sequence between the bounds, on a
     logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box.
+    flights: of one law. most: tries.
     """
     from scipy.stats import qmc
 
     tries = [{}]
     if resident.tuned:
         bounds = np.log(np.array([*resident.tuned.values()])).T
-        points = qmc.scale(qmc.Sobol(len(resident.tuned), scramble=False).random(TUNING_TRIES)[1:], *bounds)
+        points = qmc.scale(qmc.Sobol(len(resident.tuned), scramble=False).random(TUNING_TRIES)[1:most], *bounds)
         tries += [dict(zip(resident.tuned, map(float, np.exp(row)), strict=True)) for row in points]
     found = []
     for numbers in tries:
@@ -91,7 +94,7 @@ def tuned(scenario: Scenario, resident: Resident, condition="dispersed", flights
         except (ValueError, MarsedlError):
             found.append(Try(numbers, np.nan, np.nan))
             continue
-        scores = flown(scenario, law, condition, POOLS["tuning"], 0, max(flights // TUNING_TRIES, 1))
+        scores = flown(scenario, law, condition, POOLS["tuning"], 0, max(flights // most, 1))
         misses = np.where(np.isfinite(scores["miss"]), scores["miss"], LOST * scenario.largest_miss)
         known = scores["saturated"][np.isfinite(scores["saturated"])]
         found.append(Try(numbers, float(misses.mean()), float(known.mean()) if known.size else np.nan))

@@ -50,12 +50,12 @@ class Shown:
     world: str  # digest of code and inputs
     sealed: Mapping | None = None  # the sealed table, if there is one
 
-    @property
+    @cached_property
     def is_sealed(self) -> bool:
-        """Whether the sealed table is of today's code and inputs, and so what tables show."""
-        return (
-            self.sealed is not None and self.sealed["world"] == self.world and self.trials.size < self.sealed["trials"]
-        )
+        """Whether the sealed table is what tables show: all that is flown today has the same bits in it."""
+        whole = self.sealed or {"trials": 0}
+        is_sample = self.trials.size < whole["trials"] and self.trials.size % BLOCK == 0
+        return is_sample and [*whole["blocks"]] == [*self.scores] and self._differing is None
 
     @cached_property
     def by_condition(self) -> dict[str, dict[str, Scores]]:
@@ -127,21 +127,32 @@ class Shown:
             ]
         return found
 
-    def require_same(self) -> None:
-        """Compare what was flown with the sealed table. Raises MarsedlError naming law and trials that differ."""
-        for law, digests in self.blocks().items() if self.is_sealed else ():
+    @cached_property
+    def _differing(self) -> tuple[str, int] | None:
+        """Law and first trial of a block that has other bits than in the sealed table."""
+        for law, digests in self.blocks().items():
             for number, digest in enumerate(digests):
                 first = int(self.trials[number * BLOCK])
                 if self.sealed["blocks"][law][first // BLOCK] != arena.shortened(digest):
-                    raise MarsedlError(
-                        f"{self.scenario.name}: trials {first} to {first + BLOCK - 1} of {law} are others than those "
-                        f"of the sealed table of the same code and inputs: do libraries or machine differ?"
-                    )
+                    return law, first
+        return None
+
+    def require_same(self) -> None:
+        """Compare what was flown with a sealed table of the same code and inputs.
+
+        Raises MarsedlError naming law and trials that differ.
+        """
+        if self.sealed and self.sealed["world"] == self.world and not self.is_sealed and self._differing:
+            law, first = self._differing
+            raise MarsedlError(
+                f"{self.scenario.name}: trials {first} to {first + BLOCK - 1} of {law} are others than those of the "
+                f"sealed table of the same code and inputs: do libraries or machine differ?"
+            )
 
     def seal(self) -> dict:
-        """The sealed table: that of today's code, or else one of these flights."""
+        """The sealed table if it is shown, which is of today's code then, or else one of these flights."""
         if self.is_sealed:
-            return dict(self.sealed)
+            return {**self.sealed, "world": self.world}
         return {
             "world": self.world,
             "trials": int(self.trials.size),
