@@ -80,7 +80,8 @@ def test_a_summary_says_what_its_trials_say_and_no_more():
 def test_more_trials_narrow_an_interval_as_is_said():
     rng = np.random.default_rng(3)
     small = ranking.summary_of(rng.rayleigh(size=2000), np.ones(2000, bool))["mean"]
-    needed = int(ranking.trials_needed(small, 2000, 0.01))
+    half_width = 0.5 * (small.upper - small.lower)
+    needed = int(ranking.trials_needed(small.value, half_width, 2000, 0.01))
     large = ranking.summary_of(rng.rayleigh(size=needed), np.ones(needed, bool))["mean"]
     assert 0.5 * (large.upper - large.lower) / large.value == pytest.approx(0.01, rel=0.1)
 

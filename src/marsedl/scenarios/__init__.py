@@ -31,6 +31,6 @@ def arenas() -> dict[str, Arena]:
     for name, paper in SCENARIOS.items():
         flies = f"marsedl.scenarios.{name}.scenario:SCENARIO"
         shows = (flies, "marsedl.scenarios.shown:write", f"marsedl.scenarios.{name}.figures:FIGURES")
-        entries = flies, "marsedl.scenarios.arena:tuned", "marsedl.scenarios.arena:flown"
+        entries = flies, "marsedl.scenarios.arena:tuned", "marsedl.scenarios.records:flown_chunk"
         found[name] = Arena(name, paper, entries, shows, **texts[name])
     return found

@@ -3,9 +3,10 @@
 import numpy as np
 
 from marsedl.replication.records.fields import quantity, record
-from marsedl.scenarios.arena import Scores
+from marsedl.scenarios.arena import Scores, flown, joined
+from marsedl.scenarios.scenario import POOLS, Scenario
 
-__all__ = ["ArenaFlights", "gathered", "of_scores", "scores_of"]
+__all__ = ["ArenaFlights", "flown_chunk", "gathered", "of_scores", "scores_of"]
 
 
 @record
@@ -21,6 +22,22 @@ class ArenaFlights:
     )
     ended: np.ndarray = quantity("1", ("law", "condition", "trial"), "place of its outcome among those", "int8")
     outcome: np.ndarray = quantity("1", ("outcome",), "outcomes", str)
+
+
+def flown_chunk(scenario: Scenario, tuned, ranges, conditions=None) -> ArenaFlights:
+    """Fly all laws of a scenario on the pool of proof; says how far it is.
+
+    tuned: tries by law, the best first. ranges: first trial and number of trials of each part. conditions: all, or some.
+    """
+    scores = {}
+    for law, tries in tuned.items():
+        flies = scenario.law(law, **tries[0]["numbers"])
+        scores[law] = {
+            condition: joined([flown(scenario, flies, condition, POOLS["proof"], *trials) for trials in ranges])
+            for condition in conditions or scenario.conditions
+        }
+        print(f"{scenario.name}: {law} is flown", flush=True)
+    return of_scores(scores, np.concatenate([np.arange(first, first + count) for first, count in ranges]))
 
 
 def of_scores(scores: dict[str, dict[str, Scores]], trials) -> ArenaFlights:
@@ -54,8 +71,6 @@ def scores_of(flights: ArenaFlights) -> dict[str, dict[str, Scores]]:
 
 def gathered(chunks: list[ArenaFlights]) -> tuple[dict[str, dict[str, Scores]], np.ndarray]:
     """Scores of all chunks by law and condition, in the order of their trials, and these trials."""
-    from marsedl.scenarios.arena import joined
-
     parts = [scores_of(chunk) for chunk in chunks]
     scores = {law: {of: joined([part[law][of] for part in parts]) for of in parts[0][law]} for law in parts[0]}
     return scores, np.concatenate([chunk.trial for chunk in chunks])

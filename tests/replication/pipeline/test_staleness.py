@@ -171,5 +171,5 @@ def test_what_is_said_of_claims_costs_no_universes(tmp_path, plain, monkeypatch)
     (same, other), _ = edited((TYPE, "class Standing(_Part):", "class Standing(_Part):\n    another: int = 0\n"))
     assert same == before[0][0] and other != before[0][1], "another version sees other universes of the same run"
     ours, others = edited((CLAIM, "vehicle.specific_impulse, ", "2.0 * vehicle.specific_impulse, "))
-    assert ours[0] != before[0][0] and others == before[1]
-    assert edited((SHARED, "name=name", "name=name, why=name"))[1] != before[1]
+    assert ours[0] != before[0][0] and others[0] == before[1][0]
+    assert edited((SHARED, "name=name", "name=name, why=name"))[1][0] != before[1][0]
