@@ -27,7 +27,8 @@ class ArenaFlights:
 def flown_chunk(scenario: Scenario, tuned, ranges, conditions=None) -> ArenaFlights:
     """Fly all laws of a scenario on the pool of proof; says how far it is.
 
-    tuned: tries by law, the best first. ranges: first trial and number of trials of each part. conditions: all, or some.
+    tuned: tries by law, the best first. ranges: first trial and number of trials of each part. conditions: all unless
+    given.
     """
     scores = {}
     for law, tries in tuned.items():
