@@ -29,7 +29,7 @@ MEAN_LINES = {
     "tables.py": 26.5,
     "figures.py": 21.6,
 }  # of a claim (errors of the value), a table, a figure
-JOBS = 190  # of `snakemake all` at smoke size
+JOBS = 196  # of `snakemake all` at smoke size
 
 
 def statements(path):
