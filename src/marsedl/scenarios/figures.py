@@ -59,7 +59,7 @@ def footprint(shown, across, along, radius, unit="km", factor=1e3, condition="di
     scores = shown.by_condition[condition]
     figure, panels = grid(len(scores))
     turn, style = np.linspace(0.0, 2.0 * np.pi, 100), colors(scores)
-    reach = max(3.0 * radius, max(np.nanquantile(one["miss"], 0.5) for one in scores.values())) / factor
+    reach = max(2.0 * radius, np.median([np.nanquantile(one["miss"], 0.99) for one in scores.values()])) / factor
     for panel, (law, one) in zip(panels, scores.items(), strict=True):
         panel.plot(one[across[0]] / factor, one[along[0]] / factor, ".", markersize=1.5, color=style[law]["color"])
         panel.plot(radius / factor * np.cos(turn), radius / factor * np.sin(turn), color=BLACK, linewidth=0.8)

@@ -181,7 +181,7 @@ def ranks(shown: Shown):
     }
     for name in MISSES:
         columns[name] = Column("m", digits, WORDS[name], interval=(f"{name}_lower", f"{name}_upper"))
-        columns |= {f"{name}_{end}": Column("m", ".0f", f"{end} end of its interval") for end in ("lower", "upper")}
+        columns |= {f"{name}_{end}": Column("m", digits, f"{end} end of its interval") for end in ("lower", "upper")}
     columns["inside"] = Column(
         "", ".4f", f"share inside of the box: {shown.scenario.box}", interval=("inside_lower", "inside_upper")
     )

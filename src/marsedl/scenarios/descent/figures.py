@@ -36,8 +36,8 @@ def speeds(shown, condition="dispersed"):
 def corridor(shown):
     """Altitude against downrange with bands."""
     figure, panels = grid(len(shown.histories))
-    altitude = np.linspace(2.0, 1000.0, 80)
     _, states = shown.scenario.onboard.reference
+    altitude = np.linspace(2.0, states[0, 2] - 5.0, 80)
     for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
         stored, curves = flights.to_xarray(), []
         for trial in range(flights.trials):
