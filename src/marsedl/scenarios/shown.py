@@ -92,8 +92,8 @@ class Shown:
 
     @property
     def _looked_into(self):
-        """Laws that are looked into: one where few trials show no more than that all works."""
-        return [*self.scores][: None if self.trials.size >= BLOCK else 1]
+        """Laws that are looked into: one with feedback where few trials show no more than that all works."""
+        return [*self.scores] if self.trials.size >= BLOCK else [*self.scores][1:2]
 
     @cached_property
     def studied(self) -> dict[str, Flights]:
