@@ -19,7 +19,7 @@ SCREEN = 900  # pixels
 HEIGHTS = {1440: (6, 8, 12), 390: (14, 12, 26)}
 SHEETS = {"index": 7, "paper": 5}  # of A4
 EVIDENCE = [f"{slug}_evidence" for slug in SLUGS]
-PAGES = ("index", *SLUGS, *EVIDENCE, "comparison", "about")
+PAGES = ("index", *SLUGS, *EVIDENCE, "comparison", "arena", "about")
 LOADED = """async () => {
     const images = [...document.images];
     for (const image of images) image.loading = "eager";
