@@ -7,13 +7,13 @@ from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
 
 __all__ = ["colors", "footprint", "fronts", "grid", "ranks", "sources", "words"]
 
-_COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
+_COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, "#882255", "#117733")
 _MARKS = "os^Dv<>P*X"
 
 
 def colors(laws) -> dict[str, dict]:
     """Colour and mark of every law, the same in all figures."""
-    return {law: {"color": _COLORS[n % 8], "marker": _MARKS[n % 10]} for n, law in enumerate(laws)}
+    return {law: {"color": _COLORS[n % 10], "marker": _MARKS[n % 10]} for n, law in enumerate(laws)}
 
 
 def words(name: str) -> str:
