@@ -64,7 +64,7 @@ def footprint(shown, across, along, radius, unit="km", factor=1e3, condition="di
         panel.plot(one[across[0]] / factor, one[along[0]] / factor, ".", markersize=1.5, color=style[law]["color"])
         panel.plot(radius / factor * np.cos(turn), radius / factor * np.sin(turn), color=BLACK, linewidth=0.8)
         panel.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1)
-        panel.set_title(f"{words(law)}: {100.0 * one['inside'].mean():.0f} %", fontsize=8)
+        panel.set_title(f"{words(law)}\n{100.0 * one['inside'].mean():.0f} %", fontsize=8)
     figure.supxlabel(f"{across[1]} ({unit})", fontsize=9)
     figure.supylabel(f"{along[1]} ({unit})", fontsize=9)
     return figure
