@@ -23,7 +23,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_400,
 }
-LINES = 42_706  # of tests
+LINES = 42_709  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
