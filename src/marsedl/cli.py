@@ -488,7 +488,10 @@ def _fly(options) -> None:
     if options.trials < 2 or options.tune < 0:
         raise InputError(f"--trials {options.trials}, --tune {options.tune}: give at least 2 trials, and flights")
     here = f"{Path.cwd()}/"  # files are shown as seen from there
-    say = lambda *lines: _say(*(line.replace(here, "") for line in lines))  # noqa: E731
+
+    def say(*lines: str) -> None:
+        _say(*(line.replace(here, "") for line in lines))
+
     contest = Contest(scenario_of(root, options.scenario), options.condition, say)
     if options.law:
         contest.enter(options.law, options.tune)

@@ -105,6 +105,7 @@ class Sketch(Scenario):
 
     name, box, digits = "entry", "near", ".2f"
     conditions: ClassVar = EntryScenario.conditions
+    largest_miss = onboard = flight = told = efforts = None
     columns: ClassVar = {"miss": ("m", "miss"), "saturated": ("1", "limits"), "inside": ("1", "in the box")}
 
 

@@ -131,7 +131,7 @@ def test_the_closed_form_ends_on_the_final_mean_of_the_paper(undispersed, scenar
 
 def test_every_law_lands_in_the_box_along_the_mean_and_asks_for_no_truth(undispersed, scenario):
     for name, flights in undispersed.items():
-        scores = scenario.scores(flights, "exact")
+        scores = scenario.scores(flights)
         assert flights.truth == ()
         assert scores["inside"][0] == 1.0 and scores["miss"][0] < 0.5, name
         assert scores["crossrange_miss"][0] == 0.0
@@ -284,7 +284,7 @@ def test_every_condition_flies_and_is_another_one(scenario, laws):
     ends, options = {}, {"law": laws["zem_zev"], "trials": 1, "seed": 2}
     for name in scenario.conditions:
         flights = fly(**scenario.flight(name), **options)
-        scores = scenario.scores(flights, name)
+        scores = scenario.scores(flights)
         assert {*scores} == {*scenario.columns}
         ends[name] = tuple(flights.final[of][0] for of in ("downrange", "crossrange", "end_time", "mass"))
     assert len({*ends.values()}) == len(ends)
@@ -292,7 +292,7 @@ def test_every_condition_flies_and_is_another_one(scenario, laws):
 
 def test_flights_that_do_not_land_are_named_and_have_no_scores(scenario, laws):
     flights = fly(**scenario.flight("dispersed"), law=laws["no_feedback"], trials=2000, seed=1)
-    scores, landed = scenario.scores(flights, "dispersed"), flights.outcome == "touchdown"
+    scores, landed = scenario.scores(flights), flights.outcome == "touchdown"
     assert {*flights.outcomes()} == {"touchdown", "crashed", "toppled", "out of time"}
     for name, values in scores.items():
         assert (np.isfinite(values) == (landed | (name == "inside"))).all()
@@ -322,7 +322,7 @@ def test_another_lander_of_a_users_own_flies_by_the_same_laws(tmp_path):
     )
     for name in ("closed_form", "fuel_optimal", "apollo"):
         flights = fly(**own.flight("exact"), law=own.law(name), trials=1, compiled=False)
-        assert own.scores(flights, "exact")["inside"][0] == 1.0, name
+        assert own.scores(flights)["inside"][0] == 1.0, name
 
 
 def test_propellant_ends_a_flight_under_its_name(tmp_path):

@@ -43,7 +43,7 @@ def undispersed(scenario, law, condition="exact"):
     """The flight without any error: its final numbers, and its scores."""
     campaign = scenario.campaign(law, condition, 1).perturbed(np.zeros((3, 1)))
     flights = Flights(campaign, *campaign.fly_all(0, 1, 1, False, False), (1, False, False))
-    return flights.numbers, scenario.scores(flights, condition)
+    return flights.numbers, scenario.scores(flights)
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------

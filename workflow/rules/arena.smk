@@ -32,7 +32,6 @@ rule arena_flights:
         tuned="report/arena/{scenario}.tuned.json",
         configuration=source("configs/scenarios/{scenario}.yaml"),
         paper=lambda wildcards: source(f"configs/{ARENAS[wildcards.scenario].paper}.yaml"),
-        files=files_of("report/arena/{scenario}.flights"),
         rerun=if_stale("report/arena/{scenario}.{chunk}of{chunks}.h5"),
     output:
         "report/arena/{scenario}.{chunk}of{chunks}.h5",

@@ -32,28 +32,30 @@ class Scores(NamedTuple):
 
     def digest(self) -> str:
         """Of all bits of all trials."""
-        return hashlib.sha256(self.values.tobytes() + " ".join(self.outcome).encode()).hexdigest()[:16]
+        return shortened(self.values.tobytes() + " ".join(self.outcome).encode())
 
 
-def shortened(digest: str) -> str:
-    """A digest of 16 characters of a longer one, or of several."""
-    return hashlib.sha256(digest.encode()).hexdigest()[:16]
+def shortened(content: bytes) -> str:
+    """A digest of 16 characters."""
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
-def flown(scenario: Scenario, law, condition: str, seed: int, first: int, count: int, **how) -> Scores:
+def flown(
+    scenario: Scenario, law, condition: str, seed: int, first: int, count: int, progress=False, compiled=True
+) -> Scores:
     """Fly consecutive trials of a law.
 
     Args:
         scenario: that flies. law: as `marsedl.fly.fly` takes it. condition: by name. seed: of the pool, see `POOLS`.
-        first, count: which trials. how: processes, progress, compiled, as of `marsedl.fly.fly`.
+        first, count: which trials. progress, compiled: as of `marsedl.fly.fly`.
 
     Raises:
         ValueError: as `marsedl.fly.fly`; for a law that asks for the truth.
     """
     campaign = scenario.campaign(law, condition, seed)
-    options = how.get("processes", 1), how.get("progress", False), how.get("compiled", True)
+    options = 1, progress, compiled
     numbers, outcome, _ = campaign.fly_all(first, first + count, *options)
-    named = scenario.scores(Flights(campaign, numbers, outcome, None, options), condition)
+    named = scenario.scores(Flights(campaign, numbers, outcome, None, options))
     return Scores((*named,), np.array([*named.values()]), outcome)
 
 

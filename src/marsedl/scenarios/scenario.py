@@ -1,5 +1,6 @@
 """What a scenario is: one vehicle under many laws, with what they know apart from what is true."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -39,7 +40,7 @@ class Condition(NamedTuple):
     changed: Mapping[str, object] = {}  # inputs of the truth by "section.key", as in a file
 
 
-class Scenario:
+class Scenario(ABC):
     """Base of a scenario. What laws are designed from is `onboard`; the truth of a condition is in `flight`."""
 
     name: ClassVar[str]
@@ -93,30 +94,38 @@ class Scenario:
         return typed_inputs(self.model, self.root, {**self.sources, **changed}, self.place)
 
     @property
+    @abstractmethod
     def largest_miss(self) -> float:
         """Largest miss inside of the box, m."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def onboard(self):
         """What guidance knows: all that laws may be designed from."""
-        raise NotImplementedError
 
+    @abstractmethod
     def flight(self, condition: str) -> dict:
         """Arguments of `marsedl.fly.fly` but for law, trials and seed: what flies in a condition."""
-        raise NotImplementedError
 
-    def scores(self, flights, condition: str) -> dict[str, np.ndarray]:
+    @abstractmethod
+    def told(self, flights) -> tuple[str, dict[str, np.ndarray], np.ndarray]:
+        """The outcome of flights that end as they should; numbers by name; and which flights are within the limits."""
+
+    @abstractmethod
+    def efforts(self, flights) -> dict[str, tuple[np.ndarray, str, str]]:
+        """What histories tell of every flight: values (trials,), unit and meaning by name."""
+
+    def scores(self, flights) -> dict[str, np.ndarray]:
         """What is told of every flight, each (trials,), by the names of `columns`.
 
         Among them are `miss` (m), `inside` (of the box, 1 or 0) and what else the scenario counts; of flights that did
         not end as they should, all but `inside`, which is 0, are NaN.
         """
-        raise NotImplementedError
-
-    def efforts(self, flights) -> dict[str, tuple[np.ndarray, str, str]]:
-        """What histories tell of every flight: values (trials,), unit and meaning by name."""
-        raise NotImplementedError
+        outcome, numbers, within = self.told(flights)
+        counted = flights.outcome == outcome
+        scores = {name: np.where(counted, values, np.nan) for name, values in numbers.items()}
+        scores["inside"] = 1.0 * (counted & within)
+        return {name: scores[name] for name in self.columns}
 
     def campaign(self, law, condition: str, seed: int, history: float | None = None) -> Campaign:
         """The flights of a law in a condition, of which any trials may be flown; history: seconds between states."""

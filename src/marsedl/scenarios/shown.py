@@ -22,10 +22,8 @@ from marsedl.scenarios.scenario import POOLS, Scenario
 
 __all__ = ["TABLES", "Shown", "write"]
 
-STUDIED, WITH_HISTORY = (
-    1_000,
-    100,
-)  # trials of the practice pool of which dispersions are told apart, and histories kept
+STUDIED = 1_000  # trials of the practice pool of which dispersions are told apart
+WITH_HISTORY = 100  # of which histories are kept
 STUDY = "dispersed"  # condition in which that is
 PREDICTED = "predicted over flown deviation"
 MISSES = ("mean", "p50", "p95", "p99", "p99.9", "tail")
@@ -121,10 +119,11 @@ class Shown:
         found = {}
         for law, of in self.scores.items():
             parts = [slice(first, first + BLOCK) for first in range(0, self.trials.size, BLOCK)]
-            found[law] = [
-                " ".join(Scores(one.names, one.values[:, part], one.outcome[part]).digest() for one in of.values())
+            digests = [
+                [Scores(one.names, one.values[:, part], one.outcome[part]).digest() for one in of.values()]
                 for part in parts
             ]
+            found[law] = [arena.shortened(" ".join(of_block).encode()) for of_block in digests]
         return found
 
     @cached_property
@@ -133,7 +132,7 @@ class Shown:
         for law, digests in self.blocks().items():
             for number, digest in enumerate(digests):
                 first = int(self.trials[number * BLOCK])
-                if self.sealed["blocks"][law][first // BLOCK] != arena.shortened(digest):
+                if self.sealed["blocks"][law][first // BLOCK] != digest:
                     return law, first
         return None
 
@@ -157,7 +156,7 @@ class Shown:
             "world": self.world,
             "trials": int(self.trials.size),
             "tuned": {law: tries[0]["numbers"] for law, tries in self.tuned.items()},
-            "blocks": {law: [arena.shortened(one) for one in digests] for law, digests in self.blocks().items()},
+            "blocks": self.blocks(),
             "ranks": self.ranked,
             "pairs": self.paired,
         }
@@ -261,7 +260,7 @@ def explained(shown: Shown):
     """Share of being outside of the box by what was drawn."""
     rows = []
     for law, flights in shown.studied.items():
-        outside = shown.scenario.scores(flights, STUDY)["inside"] < 0.5
+        outside = shown.scenario.scores(flights)["inside"] < 0.5
         asked = flights.with_quantity("outside", lambda known, outside=outside: outside * 1.0)
         for row in asked.explains("outside").to_dict("records"):
             rows.append((law, row["drawn"], *(100.0 * row[name] for name in ("share", "lower", "upper"))))

@@ -34,6 +34,11 @@ BLOCK, CHUNK = 250, 5_000  # trials of the arena: whose bits are compared at onc
 _TEMPLATES = "src/marsedl/replication/report/templates"
 
 
+def _by_chance(numbers: Iterable[int], drawn: str, count: int) -> list[int]:
+    """So many of these numbers, sorted, as a text draws them."""
+    return sorted(sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())[:count])
+
+
 class PlannedJob(NamedTuple):
     """One job: its name, what it is given beside products, and the products that it takes."""
 
@@ -202,7 +207,7 @@ class Products:
         return self._scripted(f"figures/comparison/{stem}", needs, "comparison.py", *entries, inputs=inputs)
 
     def _arena(self, name: str) -> PlannedJob:
-        """The tuning of laws, or the flights of a chunk of trials of all of them; see `chunks_of_arena`."""
+        """The tuning of laws, or the flights of a chunk of trials of all of them; see `_chunks_of_arena`."""
         name, _, what = name.partition(".")
         arena = self.arenas[name]
         given = {
@@ -215,11 +220,8 @@ class Products:
             params = given | {"script": self.sources.code("arena_tuned.py")}
             return PlannedJob(f"report/arena/{name}.tuned", params, [])
         world, script = recipe_digest(given), self.sources.code("arena_flights.py")
-        chunks = self.chunks_of_arena(name, world)
-        sealed = self._sealed(name)
-        is_sealed = self._is_sealed(name, world)
-        params = given | {"world": world, "script": script, "chunks": chunks, "sealed": is_sealed}
-        params["files"] = given["files"] | (self._files(sealed) if is_sealed else {})
+        chunks = self._chunks_of_arena(name, world, script)
+        params = given | {"world": world, "script": script, "chunks": chunks}
         return PlannedJob(f"report/arena/{name}.flights", params, [f"report/arena/{name}.tuned.json"])
 
     def _sealed(self, name: str) -> list[str]:
@@ -227,27 +229,23 @@ class Products:
         path = f"{SEALED}{name}.json"
         return [path] if (self.root / path).exists() else []
 
-    def _is_sealed(self, name: str, world: str) -> bool:
-        """Whether the sealed table of a scenario is of these inputs and this code."""
-        return any(json.loads((self.root / path).read_text())["world"] == world for path in self._sealed(name))
-
-    def chunks_of_arena(self, name: str, world: str) -> list[list[list[int]]]:
+    def _chunks_of_arena(self, name: str, world: str, script: str) -> list[list[list[int]]]:
         """First trial and number of the trials that each job of a scenario flies.
 
-        By default a job flies two blocks of the sealed table, drawn by the digest of the code, or the first ones where
-        there is no table of this code.
+        By default a job flies two blocks of the sealed table, drawn by its digest and that of the code that flies, or
+        the first ones where there is no table of this code.
         """
         if self.trials:
             chunk = -(-self.trials // self.chunks) if self.chunks else CHUNK
             return [[[first, min(chunk, self.trials - first)]] for first in range(0, self.trials, chunk)]
         if self.size != FULL:
             return [[[0, 20]]]
-        if not self._is_sealed(name, world):
-            return [[[0, 2 * BLOCK]]]
-        (path,) = self._sealed(name)
-        blocks = range(json.loads((self.root / path).read_text())["trials"] // BLOCK)
-        drawn = sorted(blocks, key=lambda one: hashlib.sha256(f"{self._file_digest(path)} {one}".encode()).digest())
-        return [[[BLOCK * block, BLOCK] for block in sorted(drawn[:2])]]
+        for path in self._sealed(name):
+            sealed = json.loads((self.root / path).read_text(encoding="utf-8"))
+            if sealed["world"] == world:
+                blocks = _by_chance(range(sealed["trials"] // BLOCK), f"{self._file_digest(path)} {script}", 2)
+                return [[[BLOCK * block, BLOCK] for block in blocks]]
+        return [[[0, 2 * BLOCK]]]
 
     def _fought(self, name: str) -> PlannedJob:
         """All figures and tables of a scenario."""
@@ -348,9 +346,7 @@ class Products:
                 if file[PROVENANCE].attrs.get("world") != world:
                     continue
                 numbers = [int(number) for number in file["number"][()]]
-            drawn = f"{self._file_digest(run)} {script}"
-            by_chance = sorted(numbers, key=lambda one: hashlib.sha256(f"{drawn} {one}".encode()).digest())
-            return sorted(by_chance[: self.studies[paper].universes.sample])
+            return _by_chance(numbers, f"{self._file_digest(run)} {script}", self.studies[paper].universes.sample)
         return []
 
     def _what_decides(self, paper: str) -> PlannedJob:

@@ -82,8 +82,7 @@ class DescentScenario(Scenario):
     @cached_property
     def onboard(self) -> Onboard:
         """What guidance knows: the paper's inputs and those of the lander."""
-        of_paper = Inputs.__base__
-        return Onboard(of_paper(**{name: getattr(self.given, name) for name in of_paper.sections()}), self.given.lander)
+        return Onboard(self.known, self.given.lander)
 
     def flight(self, condition):
         """Arguments of `fly`."""
@@ -119,10 +118,9 @@ class DescentScenario(Scenario):
             "substeps": SUBSTEPS,
         }
 
-    def scores(self, flights, condition):
-        """See `columns`."""
+    def told(self, flights):
+        """Numbers at touchdown, and what is slow, upright and near the target."""
         final, box, onboard = flights.final, self.given.box, self.onboard
-        landed = flights.outcome == TOUCHDOWN
         named = {
             "downrange_miss": final["downrange"] - onboard.goal[0],
             "crossrange_miss": final["crossrange"] - onboard.goal[1],
@@ -134,11 +132,8 @@ class DescentScenario(Scenario):
             "end_time": final["end_time"],
         }
         named["miss"] = np.hypot(named["downrange_miss"], named["crossrange_miss"])
-        inside = landed.copy()
-        for name in ("miss", "vertical_speed", "horizontal_speed", "tilt"):
-            inside &= named[name] <= getattr(box, name)
-        told = {name: np.where(landed, values, np.nan) for name, values in named.items()} | {"inside": 1.0 * inside}
-        return {name: told[name] for name in self.columns}
+        limited = ("miss", "vertical_speed", "horizontal_speed", "tilt")
+        return TOUCHDOWN, named, np.all([named[name] <= getattr(box, name) for name in limited], axis=0)
 
     def efforts(self, flights):
         """Largest thrust, and the least glide slope above ten metres."""

@@ -6,6 +6,7 @@ its present value to a given last one. One Newton step, whose derivative is a di
 nearer to the target.
 """
 
+from collections import namedtuple
 from functools import partial
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from marsedl.fly.dynamics import Bank
 from marsedl.models.atmosphere import node_below
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.stochastic_entry import dispersions, environment, flight
+from marsedl.scenarios.entry import guidance
 from marsedl.scenarios.entry.guidance import remembered, sensed_of
 
 __all__ = ["Memory", "Predicting", "guide", "predicted_downrange", "predicting"]
@@ -43,19 +45,13 @@ class Predicting(NamedTuple):
     step: float  # of a prediction, as velocity that is lost in it, m/s
 
 
-class Memory(NamedTuple):
-    """What is remembered from cycle to cycle: of `flight.Memory`, and then its own."""
-
-    direction: float = 0.0
-    command: float = 0.0
-    cosine: float = 0.0
-    bank: float = 0.0
-    change: float = 0.0
-    aligning: float = 0.0
-    elapsed: float = 1.0
-    reversals: float = 0.0
-    level: float = 0.0  # bank cosine of the last correction
-    thickness: float = 1.0  # density that was met, over the expected one
+# What is remembered from cycle to cycle: that of `guidance`, the bank cosine of the last correction, and the density
+# that was met over the expected one.
+Memory = namedtuple(
+    "Memory",
+    (*guidance.Memory._fields, "level", "thickness"),
+    defaults=(*guidance.Memory._field_defaults.values(), 0.0, 1.0),
+)
 
 
 def mean_density(altitude, law):
