@@ -383,10 +383,14 @@ class _Actuated:
     def parts(self):
         """All functions of the flight."""
         changed = {}
-        for role in ("rates", "sense", "store", "observe", "watch", "finish"):
+        if "command" in signature(self.given["rates"]).parameters:
+            changed["actuate"] = generated(self.asks, [f"return {self.flown}"], self.plain, **self.space)
+            changed["rates"] = self._told(self.given["rates"], "flown", ["flown"])
+        for role in ("sense", "store", "observe", "watch", "finish"):
             function = self.given.get(role)
             if function and "command" in signature(function).parameters:
-                changed[role] = self._told(function, self.commanded if role == "watch" else self.flown)
+                told = (self.commanded, []) if role == "watch" else (self.flown, self.asks)
+                changed[role] = self._told(function, *told)
         commanded = {f"commanded_{name}": f"command.commanded_{name}" for name in self.names}
         changed["store"] = with_fields(changed.get("store", self.given["store"]), commanded, ["command"])
         final = {name: f"now.{name}" for name in self.names}
@@ -413,13 +417,12 @@ class _Actuated:
             result = f"to_command(Kind({', '.join(moved)}), vehicle)"
         return inlined(generated(self.asks, [*lines, f"return {result}"], self.plain, **space))
 
-    def _told(self, function, command):
-        """The function, told this command."""
+    def _told(self, function, command, asks):
+        """The function, told this command; asks: what that needs."""
         asked = [*signature(function).parameters]
         arguments = ", ".join(command if name == "command" else name for name in asked)
-        needed = [*asked, *(self.asks if command == self.flown else ())]
         lines = [f"return function({arguments})"]
-        return generated(needed, lines, hints(function)["return"], function, function=function, **self.space)
+        return generated([*asked, *asks], lines, hints(function)["return"], function, function=function, **self.space)
 
     def _guide(self):
         """Guidance with the actuators: what is asked once a period, and where a delay ends within one."""

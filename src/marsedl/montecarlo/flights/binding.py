@@ -18,7 +18,8 @@ from marsedl.words import described, remedy, require
 _PLACE = ("half_index", "time", "cycle", "state", "found")
 _SCENE = (*_PLACE, "guided", "sensed", "nav", "command", "memory", "vehicle", "p")
 OFFERED = {
-    "rates": ("half_index", "time", "before", "step", "state", "found", "command", "vehicle", "noise", "p"),
+    "rates": ("half_index", "time", "before", "step", "state", "found", "command", "flown", "vehicle", "noise", "p"),
+    "actuate": ("half_index", "time", "command", "vehicle", "p"),
     "look_up": ("half_index", "time", "state", "air", "p"),
     "sense": ("half_index", "time", "state", "found", "command", "vehicle", "p"),
     "interrupts": ("time", "state", "memory", "vehicle", "law", "p"),
@@ -38,6 +39,7 @@ OFFERED = {
 
 PARTS = {
     "rates": ("state",),
+    "actuate": ("flown",),
     "look_up": ("found",),
     "sense": ("sensed",),
     "navigate": ("nav",),

@@ -170,7 +170,7 @@ def check_returned(function, result, kinds):
 
 def _slope(model, state, time, half_index):
     at = {"state": state, "time": time, "half_index": half_index}
-    return model("rates", **at, found=model("look_up", **at))
+    return model("rates", **at, found=model("look_up", **at), flown=model("actuate", **at))
 
 
 def _advanced(model, integrator, step):

@@ -53,6 +53,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         return compiled(function, role, kinds, **options) if function else absent
 
     rates, rates_of_one = loop("rates"), loop("rates", single=True)
+    actuate, actuate_one = loop("actuate"), loop("actuate", single=True)
     look_up, look_up_one = loop("look_up"), loop("look_up", single=True)
     ended, ended_one = loop("ended"), loop("ended", single=True)
     sense, sense_one = loop("sense"), loop("sense", single=True)
@@ -78,23 +79,27 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
             *("watched", "stored", "observed", "final"),
         )
     )
+    MOVED, actuates = len(kinds["flown"]._fields), model.functions["actuate"] is not None
     dress_p, dress_law = dresser(p_shape), dresser(law_shape)
 
     @inline_called_njit
     def drift(half_index, state, noise, parameters, out):
-        time, base, step, before, found, command, vehicle, air, p, known = parameters
+        time, base, step, before, found, command, vehicle, air, p, known, moved, moved_at = parameters
         now = time + 0.5 * step * (half_index - base)
         if not known[0]:
             look_up(half_index, now, state, air, p, found)
         known[0] = False  # what was looked up at the start of a step serves its first stage
-        rates(half_index, now, before, step, state, found, command, vehicle, noise, p, out)
+        if actuates and moved_at[0] != half_index:  # two stages of a step are in its middle
+            actuate(half_index, now, command, vehicle, p, moved)
+            moved_at[0] = half_index
+        rates(half_index, now, before, step, state, found, command, moved, vehicle, noise, p, out)
 
     advance = model.options["integrator"](drift)
 
     @named_njit
     def step_lane(part, lane, parameters, noise, state, slope, end):
         """Fly a part of a Runge-Kutta step of a single lane to `end`."""
-        time, base, step, before, found, command, vehicle, air, p, _ = parameters
+        time, base, step, before, found, command, vehicle, air, p, _, moved, _ = parameters
         for row in range(STATES):
             slope[row, lane] = 0.0
         for stage in range(4):
@@ -103,7 +108,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 state[row, lane] = before[row, lane] + ahead * part * slope[row, lane]
             now, half_index = time + ahead * part, base + int(2.0 * ahead)
             look_up_one(lane, half_index, now, state, air, p, found)
-            rates_of_one(lane, half_index, now, before, step, state, found, command, vehicle, noise, p, slope)
+            actuate_one(lane, half_index, now, command, vehicle, p, moved)
+            rates_of_one(lane, half_index, now, before, step, state, found, command, moved, vehicle, noise, p, slope)
             weight = part / 6.0 if stage in (0, 3) else part / 3.0
             for row in range(STATES):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
@@ -225,6 +231,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
         bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
+        moved, moved_at = lane_array(MOVED), np.empty(1, np.int64)
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
         for row in range(DRAWN):
             for lane in range(LANES):
@@ -342,7 +349,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                     for lane in range(LANES):
                         noise[component, lane] *= scale
 
-            parameters = (time, half_index, step, before, found, command, vehicle, air, p, known)
+            parameters = (time, half_index, step, before, found, command, vehicle, air, p, known, moved, moved_at)
+            moved_at[0] = -1
             if ends or looks_back:
                 for row in range(STATES):
                     for lane in range(LANES):

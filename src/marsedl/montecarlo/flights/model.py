@@ -79,6 +79,7 @@ class Flight:
         self,
         rates,
         *,
+        actuate=None,
         look_up=None,
         sense=None,
         navigate=None,
