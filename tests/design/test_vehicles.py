@@ -2,6 +2,7 @@
 
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -110,3 +111,10 @@ def test_a_car_is_desensitized_to_its_heading_and_its_speed():
     # Two turns cancel but for what lies between them: the end is moved by the way times the sine of the error.
     assert table["flown"][0] == pytest.approx(80.0 * np.sin(0.02) + 20.0 * (np.cos(0.02) - 1.0), rel=1e-6)
     assert (table["flown"][2:].abs().to_numpy() < 0.15 * table["flown"][:2].abs().to_numpy()).all()
+
+
+def test_a_vehicle_is_written_and_steered_in_25_lines():
+    _, *vehicles = Path(v.__file__).read_text(encoding="utf-8").split("\n# ---- ")
+    assert len(vehicles) == len(v.CASES)
+    lines = {text.split(" -")[0]: len([line for line in text.splitlines()[1:] if line.strip()]) for text in vehicles}
+    assert max(lines.values()) <= 25, lines

@@ -1,5 +1,6 @@
 """Five vehicles that no paper has, each as a user writes it down once: for steering and for whatever else designs."""
 
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,20 +63,8 @@ LINE = Case(
 # ---- lander with three components of thrust --------------------------------------------------------------------------
 
 
-class Descent(NamedTuple):
-    x: float
-    y: float
-    z: float
-    vx: float
-    vy: float
-    vz: float
-    mass: float
-
-
-class Thrust(NamedTuple):
-    tx: float
-    ty: float
-    tz: float
+Descent = namedtuple("Descent", "x y z vx vy vz mass")
+Thrust = namedtuple("Thrust", "tx ty tz")
 
 
 class Lander(NamedTuple):
@@ -93,16 +82,10 @@ def glide_slope(state):
 
 
 def lander_rates(state, command: Thrust, noise: Thrust, p) -> Descent:
-    a = 1.0 / state.mass
-    return Descent(
-        state.vx,
-        state.vy,
-        state.vz,
-        (command.tx + p.gusts * noise.tx) * a,
-        (command.ty + p.gusts * noise.ty) * a,
-        (command.tz + p.gusts * noise.tz) * a - p.gravity,
-        -np.sqrt(command.tx * command.tx + command.ty * command.ty + command.tz * command.tz + 1e-9) / p.exhaust,
-    )
+    a, burnt = 1.0 / state.mass, -thrust_of(command) / p.exhaust
+    ax, ay = (command.tx + p.gusts * noise.tx) * a, (command.ty + p.gusts * noise.ty) * a
+    az = (command.tz + p.gusts * noise.tz) * a - p.gravity
+    return Descent(state.vx, state.vy, state.vz, ax, ay, az, burnt)
 
 
 LANDER = Case(
@@ -112,34 +95,19 @@ LANDER = Case(
     ([-800.0, 300.0, 1500.0, 60.0, -10.0, -70.0, 1900.0], [40.0, 40.0, 20.0, 2.0, 2.0, 2.0, 1e-3]),
     ([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, np.nan], [5.0, 5.0, 2.0, 1.0, 1.0, 0.5, 50.0]),
     [0.0, 0.0, 7000.0],
-    [
-        Below(lambda command: thrust_of(command), 16e3, 0.001),
-        Above(lambda state: glide_slope(state), -5.0, 0.001),
-    ],
+    [Below(thrust_of, 16e3, 0.001), Above(glide_slope, -5.0, 0.001)],
 )
 
 # ---- capsule that flies by its angle of attack's lift ----------------------------------------------------------------
 
 
-class Entry(NamedTuple):
-    altitude: float
-    velocity: float
-    flight_path_angle: float
-    downrange: float
-
-
-class Lift(NamedTuple):
-    lift_to_drag: float
-
-
-class Density(NamedTuple):
-    density: float
+Entry = namedtuple("Entry", "altitude velocity flight_path_angle downrange")
+Lift = namedtuple("Lift", "lift_to_drag")
+Density = namedtuple("Density", "density")
 
 
 class Capsule(NamedTuple):
     ballistic_coefficient: float = 115.0  # kg/m^2
-    gravity: float = 3.71  # m/s^2
-    radius: float = 3396e3  # m
     surface_density: float = 0.0159  # kg/m^3
     scale_height: float = 11.1e3  # m
     density_noise: float = 0.05  # of the density, s^(1/2)
@@ -147,14 +115,12 @@ class Capsule(NamedTuple):
 
 def capsule_rates(state, command: Lift, noise: Density, p) -> Entry:
     sine, cosine = sine_cosine(state.flight_path_angle)
-    density = (
-        p.surface_density * exponential(-state.altitude / p.scale_height) * (1.0 + p.density_noise * noise.density)
-    )
+    disturbed = 1.0 + p.density_noise * noise.density
+    density = p.surface_density * exponential(-state.altitude / p.scale_height) * disturbed
     drag = 0.5 * density * state.velocity * state.velocity / p.ballistic_coefficient
-    turn = (
-        command.lift_to_drag * drag / state.velocity + (state.velocity / p.radius - p.gravity / state.velocity) * cosine
-    )
-    return Entry(state.velocity * sine, -drag - p.gravity * sine, turn, state.velocity * cosine)
+    falling = (state.velocity / 3396e3 - 3.71 / state.velocity) * cosine
+    turn = command.lift_to_drag * drag / state.velocity + falling
+    return Entry(state.velocity * sine, -drag - 3.71 * sine, turn, state.velocity * cosine)
 
 
 CAPSULE = Case(
@@ -170,21 +136,9 @@ CAPSULE = Case(
 # ---- car on a plane --------------------------------------------------------------------------------------------------
 
 
-class Car(NamedTuple):
-    east: float
-    north: float
-    heading: float
-    speed: float
-
-
-class Pedals(NamedTuple):
-    curvature: float
-    acceleration: float
-
-
-class Wheels(NamedTuple):
-    slip: float
-    push: float
+Car = namedtuple("Car", "east north heading speed")
+Pedals = namedtuple("Pedals", "curvature acceleration")
+Wheels = namedtuple("Wheels", "slip push")
 
 
 class Road(NamedTuple):
@@ -212,16 +166,8 @@ CAR = Case(
 # ---- satellite that meets another one --------------------------------------------------------------------------------
 
 
-class Relative(NamedTuple):
-    radial: float
-    along: float
-    radial_rate: float
-    along_rate: float
-
-
-class Jets(NamedTuple):
-    jet_radial: float
-    jet_along: float
+Relative = namedtuple("Relative", "radial along radial_rate along_rate")
+Jets = namedtuple("Jets", "jet_radial jet_along")
 
 
 class Orbit(NamedTuple):
@@ -232,12 +178,8 @@ class Orbit(NamedTuple):
 def satellite_rates(state, command: Jets, noise: Jets, p) -> Relative:
     radial = 3.0 * p.motion * p.motion * state.radial + 2.0 * p.motion * state.along_rate
     along = -2.0 * p.motion * state.radial_rate
-    return Relative(
-        state.radial_rate,
-        state.along_rate,
-        radial + command.jet_radial + p.noise * noise.jet_radial,
-        along + command.jet_along + p.noise * noise.jet_along,
-    )
+    pushed = radial + command.jet_radial + p.noise * noise.jet_radial
+    return Relative(state.radial_rate, state.along_rate, pushed, along + command.jet_along + p.noise * noise.jet_along)
 
 
 SATELLITE = Case(

@@ -2,8 +2,11 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
 from operator import attrgetter
-from typing import NamedTuple
+
+import numpy as np
 
 from marsedl.fly import Above, Below, GainTable
 from marsedl.fly.declared import is_number
@@ -12,7 +15,8 @@ from marsedl.words import described, remedy, require
 __all__ = ["Limit", "answer", "asked", "declared", "gain_table"]
 
 
-class Limit(NamedTuple):
+@dataclass(frozen=True)
+class Limit:
     """What must stay below a value, or above it."""
 
     text: str
@@ -55,15 +59,18 @@ def declared(number, given, members: Mapping[str, str], offered) -> Limit:
     return Limit(f"{what}, {shown} {word} {value:g}", function, asks, float(value), sign)
 
 
-def gain_table(time, states: Mapping, commands: Mapping, gains) -> GainTable:
+def gain_table(names: Mapping, time, states, commands, gains) -> GainTable:
     """The law u = u*(t) + K(t) (x - x*(t)) for `marsedl.fly`.
 
     Args:
-        time: s, (k,). states, commands: references by name, (k,) each. gains: K, (k, m, n).
+        names: of states and commands, by part. time: s, (k,). states, commands: references, (k, n), (k, m).
+        gains: K, (k, m, n).
     """
-    columns = {"time": time, **states, **commands}
-    for row, command in enumerate(commands):
-        columns |= {f"{command}_per_{state}": gains[:, row, place] for place, state in enumerate(states)}
+    columns = {"time": time} | dict(
+        zip((*names["state"], *names["command"]), np.hstack([states, commands]).T, strict=True)
+    )
+    pairs = product(enumerate(names["command"]), enumerate(names["state"]))
+    columns |= {f"{command}_per_{state}": gains[:, row, place] for (row, command), (place, state) in pairs}
     return GainTable(columns, against="time")
 
 

@@ -216,10 +216,9 @@ class Funnel:
     @property
     def table(self) -> GainTable:
         """The law over time, with which `marsedl.fly` flies; there commands are held over the guidance period."""
-        loop, names = self.loop, self.dynamics.names
+        loop = self.loop
         halves = np.interp(np.arange(2 * loop.steps + 1) / 2, np.arange(loop.steps + 1), loop.time)
-        states = dict(zip(names["state"], loop.states.T, strict=True))
-        return gain_table(halves, states, dict(zip(names["command"], loop.controls.T, strict=True)), loop.gains)
+        return gain_table(self.dynamics.names, halves, loop.states, loop.controls, loop.gains)
 
     @property
     def covers(self) -> str:
@@ -228,18 +227,15 @@ class Funnel:
         most = zip(names["command"], self.feedback.max(axis=0), strict=True)
         within = zip(names.get("noise", ()), self.bounds, strict=True)
         disturbed = "; ".join(f"{name} {bound:.4g}" for name, bound in within)
-        sentences = [
-            f"{'It is proven that a' if self.proven else 'A'} flight that starts within the first slice is within its "
-            f"level at every {places}" + (f", under disturbances up to {disturbed}." if disturbed else ".")
-        ]
-        if disturbed:
-            sentences.append("They lie in the ellipsoid with these semi-axes, and are constant from slice to slice.")
-        sentences.append("Not covered is:")
-        if not self.proven:
-            sentences.append("- what terms above the third order and rounding add (proven=True bounds them)")
+        where = "They lie in the ellipsoid with these semi-axes, and are constant from slice to slice."
+        left_out = "- what terms above the third order and rounding add (proven=True bounds them)"
         return "\n".join(
             [
-                *sentences,
+                f"{'It is proven that a' if self.proven else 'A'} flight that starts within the first slice is within "
+                f"its level at every {places}" + (f", under disturbances up to {disturbed}." if disturbed else "."),
+                *([where] if disturbed else []),
+                "Not covered is:",
+                *([] if self.proven else [left_out]),
                 f"- what happens between the {gaps}",
                 "- the error of a step of Runge and Kutta, which is taken for the motion from node to node",
                 "- a command that is late, held or cut: the feedback acts at every instant, and asks for up to "
@@ -316,10 +312,14 @@ class Funnel:
     def picture(self, units=None) -> Any:
         """Figure of matplotlib: every state over time, the reference and the funnel about it. units: of states."""
         states = zip(self.dynamics.names["state"], self.loop.states[::2].T, self.half_widths.T, strict=True)
-        curves = []
-        for name, middle, width in states:
-            curves.append(Curve(name, "reference", self.loop.time, middle))
-            curves.append(Curve(name, "funnel", self.time, middle[self.nodes], width))
+        curves = [
+            curve
+            for name, middle, width in states
+            for curve in (
+                Curve(name, "reference", self.loop.time, middle),
+                Curve(name, "funnel", self.time, middle[self.nodes], width),
+            )
+        ]
         return over_time(curves, units or {})
 
 

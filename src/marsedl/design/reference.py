@@ -270,12 +270,10 @@ class Reference:
 
     def picture(self, units=None) -> Any:
         """Figure of matplotlib: states as planned and as flown again, and commands, over time. units: by name."""
-        curves = []
-        for name in self.states._fields:
-            curves.append(Curve(name, "planned", self.time, getattr(self.states, name)))
-            curves.append(Curve(name, "flown again", self.time, getattr(self.flown, name), style="--"))
-        for name, values in zip(self.task.names[len(self.states) :], self.commands, strict=True):
-            curves.append(Curve(name, "planned", self.time, values))
+        planned = zip(self.task.names, [*self.states, *self.commands], strict=True)
+        flown = zip(self.states._fields, self.flown, strict=True)
+        curves = [Curve(name, "planned", self.time, values) for name, values in planned]
+        curves += [Curve(name, "flown again", self.time, values, style="--") for name, values in flown]
         return over_time(curves, units or {})
 
 

@@ -21,13 +21,13 @@ the variance 1/h, so that a coefficient of it in `rates` has the unit of what it
 import itertools
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from marsedl.design.common import asked, declared, gain_table
+from marsedl.design.common import Limit, asked, declared, gain_table
 from marsedl.design.pictures import Curve, over_time
 from marsedl.fly import Flights, GainTable, Model, MultivariateNormal, fly
 from marsedl.methods.covariance_steering import block_program
@@ -59,8 +59,7 @@ ACTIVE = 1e-5  # excess of a constraint, over its size, above which it decides
 NEAR_ACTIVE = 1e-3  # likewise, of a solution that violates constraints
 NEAR = 0.9  # share of its bound that a norm's percentile reaches towards a side of the polytope before that counts
 TRACE = 1e-10  # variance, of the largest one of a period's noise, that the design leaves out
-LEAST_SIZE = 1e-4  # of a command that fuel is weighed by, of the largest one
-LEAST_EFFORT = 1e-4  # weight of the effort where the covariance is the cost
+LEAST = 1e-4  # share of the largest command by which fuel weighs one; weight of effort where covariance is the cost
 SHOWN = 3.0  # deviations, in pictures
 SAME = 1e-9  # difference, relative, that is rounding
 ONE_SIGMA = 0.15865525393145707  # probability beyond one standard deviation
@@ -130,9 +129,7 @@ class Law:
     @cached_property
     def table(self) -> GainTable:
         """The law for `marsedl.fly`: a table against the time, read where a period begins."""
-        names = self.task.vectors.names
-        states = dict(zip(names["state"], self.state[:-1].T, strict=True))
-        return gain_table(self.time[:-1], states, dict(zip(names["command"], self.command.T, strict=True)), self.gain)
+        return gain_table(self.task.vectors.names, self.time[:-1], self.state[:-1], self.command, self.gain)
 
     @cached_property
     def model(self) -> Model:
@@ -194,10 +191,11 @@ class Law:
         commands = np.sqrt(np.diagonal(self.command_covariance, axis1=1, axis2=2))
         columns = [*zip(names["state"], self.state.T, self.deviation.T, strict=True)]
         columns += zip(names["command"], self.command.T, commands.T, strict=True)
-        curves = []
-        for name, mean, deviation in columns:
-            curves.append(Curve(name, "mean", self.time, mean))
-            curves.append(Curve(name, band, self.time, mean, SHOWN * deviation))
+        curves = [
+            curve
+            for name, mean, deviation in columns
+            for curve in (Curve(name, "mean", self.time, mean), Curve(name, band, self.time, mean, SHOWN * deviation))
+        ]
         for limit in self.task.limits:
             means, covariances = self._normal(limit)
             excess = [limit.excess(_normals(*of_node)) for of_node in zip(means, covariances, strict=True)]
@@ -317,17 +315,18 @@ def solve(
 # ---- what is asked ---------------------------------------------------------------------------------------------------
 
 
-class _Limit(NamedTuple):
+@dataclass(frozen=True)
+class _Limit(Limit):
     """A limit as a function that must not be positive."""
 
-    text: str
-    part: str  # "state" or "command"
-    kind: type  # its NamedTuple
-    quantity: Callable
-    value: float
-    sign: float  # 1: below, -1: above
+    kind: type  # NamedTuple of what it is of
     probability: float
     normals: np.ndarray  # of the sides of a norm's polytope, (sides, n)
+
+    @property
+    def part(self):
+        """What it is of: "state" or "command"."""
+        return self.asks[0]
 
     def excess(self, numbers):
         """Sign times quantity minus value; numbers: (n, ...)."""
@@ -414,16 +413,16 @@ def _limit(number, limit, vectors):
     """A limit, checked."""
     kinds = {part: vectors.kinds[part] for part in ("state", "command")}
     members = {name: part for part, kind in kinds.items() for name in kind._fields}
-    text, quantity, asks, value, sign = declared(number, limit, members, kinds)
-    probability = limit.probability
+    found, chance = declared(number, limit, members, kinds), limit.probability
     require(
-        isinstance(probability, float) and 0.0 < probability < 0.5,
-        f"limits[{number}]: its probability is {probability!r}; give that of its violation at a node, within (0, 0.5)",
+        isinstance(chance, float) and 0.0 < chance < 0.5,
+        f"limits[{number}]: its probability is {chance!r}; give that of its violation at a node, within (0, 0.5)",
     )
-    require(len(asks) == 1, f"limits[{number}]: {described(quantity)} must ask for `state` or for `command` alone")
-    kind = kinds[asks[0]]
-    checked = _Limit(text, asks[0], kind, quantity, value, sign, probability, np.zeros((0, len(kind._fields))))
-    return checked._replace(normals=_sides(checked)) if sign > 0.0 else checked
+    only = f"limits[{number}]: {described(found.quantity)} must ask for `state` or for `command` alone"
+    require(len(found.asks) == 1, only)
+    kind = kinds[found.asks[0]]
+    checked = _Limit(**vars(found), kind=kind, probability=chance, normals=np.zeros((0, len(kind._fields))))
+    return replace(checked, normals=_sides(checked)) if found.sign > 0.0 else checked
 
 
 def _value(limit, numbers):
@@ -620,8 +619,8 @@ def _designed(task, states, system, command, spread, corrections):
     if task.cost == "fuel":
         # The tangent of the root of the effort from above: the same minimum where the iteration ends.
         size = np.sqrt(_efforts(task, command, spread))
-        share = share / (2.0 * np.maximum(size, LEAST_SIZE * size.max())) if size.any() else share
-    share = share * (LEAST_EFFORT / np.trace(effort) / task.times[-1] if task.cost == "covariance" else 1.0)
+        share = share / (2.0 * np.maximum(size, LEAST * size.max())) if size.any() else share
+    share = share * (LEAST / np.trace(effort) / task.times[-1] if task.cost == "covariance" else 1.0)
     percentiles = ()
     if task.cost == "covariance":
         rows = np.eye(n)[~np.isnan(mean)] * (state_unit / np.sqrt(np.diag(covariance)))
@@ -722,14 +721,14 @@ def _unmet(task, design):
         elif abs(margin.excess) < NEAR_ACTIVE and what.startswith("limits"):
             against.add(what)
     ordered = sorted(unmet, key=lambda key: -unmet[key][0])
-    error = UnmetError()
-    error.unmet = tuple(Unmet(what, time, unmet[what, time][1]) for what, time in ordered)
+    failed = tuple(Unmet(what, time, unmet[what, time][1]) for what, time in ordered)
     said = [
         f"{one.what} at {one.time:g} s fails by {one.by:.3g}" + " of the deviation" * ("covariance" in one.what)
-        for one in error.unmet[:4]
+        for one in failed[:4]
     ]
     rest = f", and {len(ordered) - 4} more" if len(ordered) > 4 else ""
-    error.against = tuple(sorted(against - {one.what for one in error.unmet}))
-    reason = f", against {' and '.join(error.against)}" if error.against else ""
-    error.args = (f"goal and limits cannot be met together: {'; '.join(said)}{rest}{reason}",)
+    decide = tuple(sorted(against - {what for what, _ in ordered}))
+    reason = f", against {' and '.join(decide)}" if decide else ""
+    error = UnmetError(f"goal and limits cannot be met together: {'; '.join(said)}{rest}{reason}")
+    error.unmet, error.against = failed, decide
     return error

@@ -6,6 +6,7 @@ result along it, through law, memory, limits, air and trigger; the squares of th
 
 from dataclasses import dataclass
 from itertools import product
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ __all__ = ["Budget"]
 STEPS = (0.25, 1.0)  # deviations, to both sides: slopes are those of the first, the second tells whether they hold
 FEWEST = 100  # flights whose deviation is compared
 ROUNDING = 1e-12  # of the result, by which ends of flights differ without a reason
+WIDTH = 30  # characters of a line of a source in pictures
 SURE = 3.0  # standard errors of what is flown, beyond which it counts
 
 
@@ -68,12 +70,12 @@ class Budget:
             raise missing(error, "figures") from None
         axes = axes or plt.figure(layout="constrained").add_subplot()
         rows = self.shares[::-1]
-        bars = axes.barh(rows["source"], 100.0 * rows["share"])
+        bars = axes.barh([fill(source, WIDTH) for source in rows["source"]], 100.0 * rows["share"])
         axes.bar_label(bars, [f"{deviation:.3g} {self.unit}" for deviation in rows["deviation"]], padding=3)
-        label = "share of the variance (%), and the deviation by this source alone"
-        axes.set(xlabel=label, xlim=(0.0, 120.0), xticks=range(0, 101, 20))
-        linear = "" if self.linear else ", not linear"
-        axes.set_title(f"{self.quantity}: standard deviation {self.deviation:.4g} {self.unit}{linear}")
+        title = f"{self.quantity}: standard deviation {self.deviation:.4g} {self.unit}"
+        axes.set_title(title + ("" if self.linear else ", not linear"))
+        axes.set_xlabel("share of the variance (%), and the deviation by this source alone")
+        axes.set(xlim=(0.0, 120.0), xticks=range(0, 101, 20))
         return axes
 
 
@@ -112,10 +114,12 @@ def sources_of(campaign, in_python=False) -> list[Source]:
         for part, deviation in zip(("walk", "noise"), numbers, strict=False)
         if kind == "error" and deviation == 0.0
     }
-    for (kind, stream), (times, names, prefix) in drawn.items():
-        for number, (_, name) in enumerate(product(range(int(times)), names)):
-            if kind != "navigation" or name not in still:
-                sources.append(Source(kind, prefix + name, stream, number, False))
+    sources += [
+        Source(kind, prefix + name, stream, number, False)
+        for (kind, stream), (times, names, prefix) in drawn.items()
+        for number, (_, name) in enumerate(product(range(int(times)), names))
+        if kind != "navigation" or name not in still
+    ]
     require(sources, "nothing is dispersed in these flights: a budget takes Normal(...), Uniform, Markov air or noise")
     return sources
 
@@ -191,9 +195,8 @@ def budget_of(quantity, unit, sources, values, flown, tolerance) -> Budget:
     if abs(spread - deviation) > tolerance * deviation + SURE * error + rounding:
         notes.append(f"the {flown.size:,} flights that are flown have {spread:.4g} +- {error:.2g} {unit}")
 
-    shares = variances[["kind", "source"]].copy()
-    shares["share"] = variances["narrow"] / (deviation**2 if deviation != 0.0 else 1.0)
-    shares["deviation"] = np.sqrt(variances["narrow"])
+    share = variances["narrow"] / (deviation**2 if deviation != 0.0 else 1.0)
+    shares = variances[["kind", "source"]].assign(share=share, deviation=np.sqrt(variances["narrow"]))
     shares = shares.sort_values("share", ascending=False, kind="stable", ignore_index=True)
     return Budget(quantity, unit, deviation, spread, error, shares, values.size, tuple(notes))
 
@@ -202,6 +205,5 @@ def _deviation(flown):
     """Deviation of what is flown and its standard error, whatever the distribution is; NaN of too few flights."""
     if flown.size < FEWEST:
         return np.nan, np.nan
-    squares = (flown - flown.mean()) ** 2
-    spread = float(flown.std(ddof=1))
+    squares, spread = (flown - flown.mean()) ** 2, float(flown.std(ddof=1))
     return spread, float(squares.std() / (2.0 * spread * np.sqrt(flown.size))) if spread > 0.0 else 0.0
