@@ -1,5 +1,6 @@
 """Funnels of vehicles that no paper has: against closed forms, against flights by the engine, and misused."""
 
+from contextlib import chdir
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,11 +97,12 @@ def water():
 
 
 @pytest.fixture(scope="module")
-def pendulum():
+def pendulum(tmp_path_factory):
     """The proven funnel of the page of the documentation, whose flights are compiled."""
     code = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     names = {}
-    exec(compile(code, str(PAGE), "exec"), names)
+    with chdir(tmp_path_factory.mktemp("page")):
+        exec(compile(code, str(PAGE), "exec"), names)
     return names["proven"]
 
 

@@ -1,10 +1,11 @@
 """The examples of the documentation as they stand there: they run, and what is said of their results is so."""
 
 import re
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from runpy import run_path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.variety import Spheres
 from marsedl.models import random_field
 from marsedl.montecarlo.streams import normals
+from pictures import assert_shown
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -27,12 +29,14 @@ def examples(page):
     return re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
-def run(name):
-    """The names that the example of this page defines."""
+def run(name, *pictures):
+    """The names that the example of this page defines; it makes these pictures, which the page shows."""
     page = ROOT / "docs" / "examples" / f"{name}.md"
     (example,) = examples(page)
     names = {}
-    exec(compile(example, str(page), "exec"), names)
+    with TemporaryDirectory() as folder, chdir(folder):
+        exec(compile(example, str(page), "exec"), names)
+        assert_shown(Path(folder), *pictures)
     return names
 
 
@@ -42,7 +46,7 @@ def field_example():
 
 
 def test_every_example_is_tested():
-    tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
+    tested = re.findall(r'run\("(\w+)".*\)', Path(__file__).read_text(encoding="utf-8"))
     # These read a build: tests/results/test_results.py, tests/replication/universes/test_on_a_paper.py.
     elsewhere = {"results": 6, "universes": 1, "formats": 1, "using": 1}
     expected = dict.fromkeys(tested, 1) | elsewhere | {"monte_carlo": 2, "one_dynamics": 5}
@@ -61,7 +65,7 @@ def test_steering_example_prints_what_its_page_shows():
     page = (ROOT / "docs/examples/steering.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"(?ms)^```text\n(.*?)^```$", page)
     with redirect_stdout(StringIO()) as out:
-        names = run("steering")
+        names = run("steering", "steering")
     number = re.compile(r"-?\d+\.\d+")
     assert number.sub("", out.getvalue()).split() == number.sub("", shown).split()
     # A solver's last digits may turn a flight or two.
@@ -138,7 +142,7 @@ def fly_sled(reference, gain, drag):
 
 
 def test_desensitized_example_does_what_its_page_says():
-    names = run("desensitization")
+    names = run("desensitization", "optimal", "desensitize")
     plain, robust, table = names["least_thrust"], names["robust"].references[-1], names["robust"].table
     gain = names["robust"].gains[-1][0, 1]
     short = [100.0 - fly_sled(plain, 0.0, 0.022), 100.0 - fly_sled(robust, gain, 0.022)]
@@ -168,7 +172,7 @@ def test_one_function_is_optimised_linearised_flown_and_enclosed_as_its_page_say
 @pytest.fixture(scope="module")
 def pendulum():
     """The funnel example, and starts on the boundary of its first slice."""
-    names = run("funnel")
+    names = run("funnel", "funnel")
     directions = Spheres((2,)).random_points(TRIALS, np.random.Generator(np.random.Philox(7)))
     names["starts"] = directions @ spread_of(names["proven"].shapes[0], names["proven"].levels[0]).T
     return names
