@@ -1,6 +1,7 @@
 """Steering of vehicles that no paper has: what is predicted against flights, closed forms and other programs."""
 
 import sys
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -87,6 +88,15 @@ def test_flights_of_the_engine_say_what_was_asked_predicted_and_flown():
     assert active["lower"] < active["predicted"] < active["upper"]
     assert "limits[0]" in repr(flown)
     assert list(law.active) == ["limits[0], a function of the command below 0.6", "goal, covariance"]
+
+
+def test_a_command_that_stays_at_its_limit_does_not_violate_it():
+    """Without a goal for the covariance there is no feedback, and the solver's rounding is no violation."""
+    law = on_line(limits=[Below("push", 0.5, 0.01), Above("push", -0.5, 0.01)])
+    most = 0.5 * (1.0 + 5e-8)
+    law = replace(law, command=np.clip(law.command * (1.0 + 1e-6), -most, most))
+    assert np.abs(law.command).max() == most
+    assert not law.flown(20, compiled=False).limits[["predicted", "flown"]].any(axis=None)
 
 
 def test_picture_shows_states_commands_and_limits_with_their_percentiles():

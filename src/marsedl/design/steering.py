@@ -61,6 +61,7 @@ NEAR = 0.9  # share of its bound that a norm's percentile reaches towards a side
 TRACE = 1e-10  # variance, of the largest one of a period's noise, that the design leaves out
 LEAST = 1e-4  # share of the largest command by which fuel weighs one; weight of effort where covariance is the cost
 SHOWN = 3.0  # deviations, in pictures
+ROUNDING = 1e-7  # excess over a limit, of its value, that is the solver's
 SAME = 1e-9  # difference, relative, that is rounding
 ONE_SIGMA = 0.15865525393145707  # probability beyond one standard deviation
 LINEAR = 0.03  # difference of flown and predicted deviations, relative, that counts as none
@@ -213,10 +214,10 @@ class Law:
     def _violated(self, limit, numbers, trials):
         """A row of the table of limits; numbers: flown, (nodes, numbers, trials)."""
         first = 1 if limit.part == "state" else 0
-        counts = [int(np.count_nonzero(~(limit.excess(at) <= 0.0))) for at in numbers[first:]]
+        counts = [int(np.count_nonzero(~limit.keeps(at))) for at in numbers[first:]]
         node = first + int(np.argmax(counts))
         means, covariances = self._normal(limit)
-        predicted = np.mean(limit.excess(_normals(means[node], covariances[node])) > 0.0)
+        predicted = np.mean(~limit.keeps(_normals(means[node], covariances[node])))
         lower, upper = binomial_interval(max(counts), trials)
         shown = (limit.probability, float(predicted), max(counts) / trials, float(lower), float(upper))
         return (limit.text, float(self.time[node]), *shown)
@@ -331,6 +332,10 @@ class _Limit(Limit):
     def excess(self, numbers):
         """Sign times quantity minus value; numbers: (n, ...)."""
         return self.sign * (_value(self, numbers) - self.value)
+
+    def keeps(self, numbers):
+        """Whether they are within the limit, or beyond it by the solver's rounding; not, if they are not finite."""
+        return self.excess(numbers) <= ROUNDING * abs(self.value)
 
 
 class _Task(NamedTuple):
