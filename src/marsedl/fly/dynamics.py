@@ -120,44 +120,13 @@ def entry_watch(watched, sensed) -> EntryWatched:
 
 def entry_store(sensed, command: Bank) -> EntryStored:
     """What laws are told, which is the true state here, and what they command."""
-    return EntryStored(
-        sensed.altitude,
-        sensed.velocity,
-        sensed.flight_path_angle,
-        sensed.azimuth,
-        sensed.latitude,
-        sensed.longitude,
-        sensed.range,
-        sensed.crossrange,
-        sensed.density,
-        sensed.drag,
-        sensed.lift,
-        sensed.energy,
-        command.bank,
-    )
+    return EntryStored(*(sensed[:] + command[:]))
 
 
 def entry_finish(time, sensed, watched) -> EntryFinal:
     """The end, which the largest load and the lowest and highest altitude include."""
     whole = entry_watch(watched, sensed)
-    return EntryFinal(
-        time,
-        sensed.altitude,
-        sensed.velocity,
-        sensed.flight_path_angle,
-        sensed.azimuth,
-        sensed.latitude,
-        sensed.longitude,
-        sensed.range,
-        sensed.crossrange,
-        sensed.density,
-        sensed.drag,
-        sensed.lift,
-        sensed.energy,
-        whole.max_load,
-        whole.min_altitude,
-        whole.max_altitude,
-    )
+    return EntryFinal(time, *(sensed[:] + whole[:]))
 
 
 def frame_of(start):

@@ -21,6 +21,13 @@ from marsedl.words import missing, require
 __all__ = ["Flights", "OneFlight", "order_interval"]
 
 _GOAL = re.compile(r"p(\d+(?:\.\d+)?) of (\w+) within (\d+(?:\.\d+)?(?:e[+-]?\d+)?) ?(\S+)")
+PREFIXES = {  # of names, and what numbers with them mean
+    "": "{}",
+    "nav_": "{}, as laws know it",
+    "sensed_": "{}, as laws are told",
+    "start_": "{}, at the start",
+    "commanded_": "{}, as commanded",
+}
 _A_NUMBER = "{!r} is a number; give a condition, such as 'abs(range_km - 640) < 2'"
 
 
@@ -49,19 +56,19 @@ def _expression(text, value_of):
     """The value of an expression whose names are quantities. Raises ValueError for what is none."""
     import pandas as pd
 
-    example = "'abs(range_km - 640) < 2'"
-    require(isinstance(text, str), f"{text!r} is no expression in quantities, such as {example}")
+    wrong = f"{text!r} is no expression in quantities, such as 'abs(range_km - 640) < 2'"
+    require(isinstance(text, str), wrong)
     try:
         nodes = list(ast.walk(ast.parse(text.strip(), mode="eval")))
     except SyntaxError as error:
-        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+        raise ValueError(f"{wrong}: {error}") from None
     functions = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
     names = {node.id for node in nodes if isinstance(node, ast.Name)} - functions
     values = {name: pd.Series(value_of(name)) for name in names}
     try:
         return pd.eval(text.strip(), engine="python", local_dict=values, global_dict={})
     except (ValueError, NotImplementedError, TypeError, AttributeError) as error:
-        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+        raise ValueError(f"{wrong}: {error}") from None
 
 
 def _spread_of_pairs(first, second):
@@ -215,11 +222,11 @@ class Flights:
         campaign, senses = self.campaign, self.campaign.senses
         start, vehicle = campaign.drawn(trials)
         if campaign.before:
-            start[:, ~campaign.before.goes_on[trials[0] : trials[-1] + 1]] = np.nan
+            start[:, ~campaign.before.goes_on[trials]] = np.nan
         dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
         of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
         return {
-            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.dispersed_start()},
+            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.start.dispersed()},
             **{name: values for name, values in of_vehicle if name in dispersed},
         }
 
@@ -296,16 +303,14 @@ class Flights:
             return self.derived[name][0], name
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
-        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
-        if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
-        for prefix, said in (("start_", "at the start"), ("commanded_", "as commanded")):
-            base = name.removeprefix(prefix)
-            if name not in known and base in known:
-                return known[base][0], f"{known[base][1]}, {said}"
-        if name not in known and name.startswith("saturated_"):
+        known = self.campaign.model.quantities | END_TIME
+        for prefix, said in PREFIXES.items():
+            if name.startswith(prefix) and (base := name.removeprefix(prefix)) in known:
+                unit, meaning = known[base]
+                return unit, said.format(meaning)
+        if name.startswith("saturated_"):
             return "", f"guidance periods in which limits kept {name.removeprefix('saturated_')} from what is commanded"
-        return known.get(name, ("", name))
+        return "", name
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""

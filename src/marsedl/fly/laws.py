@@ -237,13 +237,14 @@ def command_of(flight):
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: a number falls to a value.
+    """Where a trigger ends a flight: a quantity, with a sign, falls to a value.
 
-    The number is a sum of weights x quantities of the state and the time, or of what is sensed one quantity, as others
-    of a model may be no numbers: a sign, and its place. So one kernel serves all that is known of a flight either way.
+    It is chosen by its place among those of the state and the time, or among those that are sensed, so that one kernel
+    serves all that is known of a flight either way.
     """
 
-    weights: tuple[float, ...]
+    sign: float
+    place: float
     value: float
 
 
@@ -318,15 +319,14 @@ def _crossing(trigger, known, units, nominal, advice):
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
     text = f"{trigger.quantity} {word} {trigger.value:g}"
     value = sign * factor * float(trigger.value)
-    if name not in (*state, "time"):  # whether it is met at the start, a flight's functions say
-        return tuple(f"sensed.{other}" for other in sensed), End((sign, float(sensed.index(name))), value), text
-    require(
+    require(  # of what is sensed, a flight's functions say it
         name not in state or sign * nominal[name] > value,
         f"trigger {text} is met at the start, where {name} is {nominal.get(name, np.nan):g}{advice}",
     )
-    weights = [sign if other == name else 0.0 for other in state]
-    of_time = 0.0 if name in state else sign
-    return (*(f"state.{other}" for other in state), "time"), End((*weights, of_time), value), text
+    of_state = [*(f"state.{other}" for other in state), "time"]
+    names = [f"sensed.{other}" for other in sensed] if name in sensed else of_state
+    place = [other.rpartition(".")[2] for other in names].index(name)
+    return tuple(names), End(sign, float(place), value), text
 
 
 def _ended_by(kind):
@@ -342,12 +342,8 @@ def _ended_by(kind):
             asked |= dict.fromkeys(arguments)
         else:
             end = f"p.ends[{len(terms) - len(functions)}]"
-            if "time" in one:
-                number = " + ".join(f"{end}.weights[{row}] * {name}" for row, name in enumerate(one))
-            else:
-                chosen = "".join(f"{name} if {end}.weights[1] == {row}.0 else " for row, name in enumerate(one[:-1]))
-                number = f"{end}.weights[0] * ({chosen}{one[-1]})"
-            terms.append(f"{number} - {end}.value")
+            chosen = "".join(f"{name} if {end}.place == {row}.0 else " for row, name in enumerate(one[:-1]))
+            terms.append(f"{end}.sign * ({chosen}{one[-1]}) - {end}.value")
             asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
     if len(terms) == 1:
         return generated(asked, [f"return {terms[0]}"], float)
