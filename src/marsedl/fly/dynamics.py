@@ -55,7 +55,7 @@ def vary(node, normal, drawn, p) -> tuple[float, Drawn]:
 def look_up(state, air, p) -> Air:
     """Mean density, continued along its end slopes, and the trial's own factor, held beyond its nodes."""
     log_density = log_density_in_cells(state.altitude, p.bottom, 1.0 / p.spacing, p.cells)
-    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(air))
+    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(p.deviation))
     factor = 1.0 + air[node] + fraction * (air[node + 1] - air[node])
     return Air(log_density, factor if factor > 0.0 else 0.0)
 

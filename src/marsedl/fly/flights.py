@@ -284,12 +284,18 @@ class Flights:
         """Whether something that is asked for holds or not. Raises ValueError for what is no quantity, too."""
         return self._asked(what).dtype == bool
 
-    def _asked(self, what):
-        """A number of all flights, or whether a condition holds. Raises ValueError for what is neither."""
+    def _asked(self, what, percentile=None):
+        """A number of all flights, or whether a condition holds, which has no percentile.
+
+        Raises ValueError for what is neither.
+        """
         if not isinstance(what, str) or what.strip().isidentifier():
             return self.values(what)
         holds = self._evaluated(what, self._known)
         require(holds.dtype == bool, _A_NUMBER.format(what))
+        require(
+            percentile is None, f"{what!r} is a condition, which has a share and no percentile: leave percentile out"
+        )
         return holds
 
     def _of(self, name, known):
@@ -342,7 +348,7 @@ class Flights:
         require(
             all(map(is_number, np.atleast_1d(levels))), f"levels are {levels!r}; give numbers of per cent, such as 99"
         )
-        if 0.5 <= (largest := np.max(levels)) < 1.0:
+        if 0.5 <= (largest := np.max(levels, initial=0.0)) < 1.0:
             warnings.warn(f"levels are per cent: for {largest:.0%} write {100.0 * largest:g}", stacklevel=2)
         rows = []
         for name in [names] if isinstance(names, str) else names:
@@ -474,15 +480,10 @@ class Flights:
         both, rows = self._counted()[0] & other._counted()[0], []
         names = [name for name in self.final if name in other.final] if names is None else names
         for name in [names] if isinstance(names, str) else names:
-            first, second = self._asked(name)[both], other._asked(name)[both]
-            is_condition = first.dtype == bool
-            require(
-                not is_condition or percentile is None,
-                f"{name!r} is a condition, which has a share and no percentile: leave percentile out",
-            )
+            first, second = self._asked(name, percentile)[both], other._asked(name)[both]
             deviation, correlation = _spread_of_pairs(first.astype(float), second.astype(float))
             difference, (lower, upper) = _difference(first, second, confidence, percentile)
-            unit = "" if is_condition else self._meaning(name)[0]
+            unit = "" if first.dtype == bool else self._meaning(name)[0]
             rows.append((name, unit, difference, lower, upper, deviation, correlation, first.size))
         columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
         return pd.DataFrame(rows, columns=columns)
@@ -581,8 +582,7 @@ class Flights:
 
         _require_confidence(confidence)
         counted, left_out = self._counted()
-        result = self.values(what) if what in self._known else self._evaluated(what, self._known)
-        result = result[counted].astype(float)
+        result = self._asked(what, percentile)[counted].astype(float)
         if percentile is not None:
             _needed(percentile)
             result = (result > np.quantile(result, percentile / 100.0)).astype(float)

@@ -89,8 +89,8 @@ class GainTable:
                 f"{self.name}: column {column!r} holds {largest:g} rad, more than a turn; for degrees name it "
                 f"'{base}_deg'",
             )
-        table.against, table.nodes = next(iter(columns.items()))
-        table.columns = dict([*columns.items()][1:])
+        (table.against, table.nodes), *others = columns.items()
+        table.columns = dict(others)
         return table
 
     def commanded(self, told, commands):
@@ -186,15 +186,14 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
     )
     kinds = get_args(hints(function).get("return"))
     remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
+    offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
+    offered += ("memory", "past", "cycle", "half_index", "found", "p") if remembers else ()
     for name in asked:
         require(
             truth or name not in TRUTH,
             f"{described(function)} asks for {name!r}, the truth of its trial, which no guidance knows: ask for what "
             f"it is told, {', '.join(told._fields)}, or give fly truth=True, and the result says so",
         )
-    offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
-    offered += ("memory", "past", "cycle", "half_index", "found", "p") if remembers else ()
-    for name in asked:
         require(
             remembers or name != "memory",
             f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`",
@@ -277,8 +276,7 @@ def ends_of(trigger, model, nominal) -> Ends:
         several = getattr(flight.classes["ended"], "_fields", None)
         return Ends(("own",), (), several or (f"ended: {own.__name__}",), aims=True)
     given = trigger if isinstance(trigger, Mapping) else {} if trigger is None else {None: trigger}
-    whole, kinds, data, names = {**model.ends, **given}, [], [], []
-    whole = {**given, **whole}  # the given ones first
+    whole, kinds, data, names = {**given, **model.ends, **given}, [], [], []  # the given ones first
     single = [one for one in whole.values() if callable(one) and returned(one, "ended") == (bool,)]
     if single:  # it ends flights after a step, alone
         require(
@@ -291,15 +289,13 @@ def ends_of(trigger, model, nominal) -> Ends:
             isinstance(one, Below | Above) or callable(one),
             f"trigger {one!r} is none: give Below(name, value), Above(name, value) or a function",
         )
-        if callable(one):
-            kinds.append(one)
-            names.append(outcome or f"ended: {one.__name__}")
-        else:
+        kind, said = one, getattr(one, "__name__", "")
+        if not callable(one):
             advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
-            kind, end, text = _crossing(one, (state, sensed), units, nominal, advice)
-            kinds.append(kind)
+            kind, end, said = _crossing(one, (state, sensed), units, nominal, advice)
             data.append(end)
-            names.append(outcome or f"ended: {text}")
+        kinds.append(kind)
+        names.append(outcome or f"ended: {said}")
     return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
 
 
