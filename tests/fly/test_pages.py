@@ -40,10 +40,16 @@ def run(page, names):
     return names
 
 
-@pytest.mark.filterwarnings("ignore:.*too hard")
+@pytest.mark.filterwarnings("ignore:.*too hard", "ignore:.*out of propellant")
 def test_own_equations_fly_as_their_page_shows():
     names = run("own_equations.md", {})
     np.testing.assert_allclose(names["flights"].final["velocity"], 480.0, atol=1e-9)
+    # Its lander burns all of its propellant, and no more: the speed is that of the rocket equation.
+    burn = {"altitude": 1500.0, "climb": -60.0, "mass": 900.0}
+    emptied = fly(names["hopper"], burn, law=1.0, end_time=30.0, period=0.5, trials=2, compiled=False)
+    np.testing.assert_allclose(emptied.final["mass"], 831.2, rtol=1e-14)
+    np.testing.assert_allclose(emptied.final["climb"], 2157.0 * np.log(900 / 831.2) - 60.0 - 3.71 * 30.0, rtol=1e-9)
+    assert emptied.outcomes() == {"out of propellant": 2}
     # With lift up on a planet that does not rotate, an entry stays in the plane, too.
     still = replace(names["capsule"], planet=MARS._replace(rotation_rate=0.0))
     options = {"law": 0.0, "end_time": 120.0, "trials": 1, "seed": 3, "compiled": False}

@@ -122,6 +122,7 @@ def test_a_lander_starts_where_something_else_ended(first):
         (lambda known: {"altitude": np.ones(3)}, "start 'altitude': the phase before has 12 trials; give a number for"),
         (lambda known: {"altitude": 20.0 * known["altitude"] ** 1.1}, r"start 'altitude' is .*; it must lie between"),
         (lambda known: {"altitude": known["altitude"] / 0.0}, "start 'altitude' is not finite in trials"),
+        (lambda known: {"altitude": np.where(np.arange(12) == 3, 2e4, 100.0)}, "'altitude': the end of trial 3 is 2"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:divide by zero")

@@ -157,6 +157,7 @@ def test_correlated_numbers_are_drawn_by_name():
         (lambda f: f.probability(3), "is no expression in quantities"),
         (lambda f: f.explains("altitude < 400", percentile=5, confidence=2), "confidence is 2"),
         (lambda f: f.explains("altitude", percentile=100), "is no percentage"),
+        (lambda f: f.explains("altitude < 400", percentile=5), "has a share and no percentile"),
         (lambda f: f.worst("altitude", side="left"), "give 'both', 'high' or 'low'"),
         (lambda f: f.with_quantity("altitude", "speed"), "give a new name"),
         (lambda f: f.with_quantity("two words", "speed"), "give a new name"),

@@ -121,7 +121,13 @@ def test_a_law_that_is_not_found_leaves_the_numbers_and_may_be_given_again(tmp_p
         lambda flights: flights.to_xarray().to_dataframe(),
     ):
         assert ask(loaded).equals(ask(first))
-    for fly_on in (lambda: loaded.extended(50), lambda: loaded.replay(3)):
+    starts = {"altitude": "altitude", "speed": 0.0}
+    for fly_on in (
+        lambda: loaded.extended(50),
+        lambda: loaded.replay(3),
+        lambda: loaded.budget("speed"),
+        lambda: loaded.as_start(starts),
+    ):
         with pytest.raises(ValueError, match="import does not find law"):
             fly_on()
     with pytest.raises(ValueError, match="were read without their law: copy the file"):

@@ -146,14 +146,12 @@ def moves(sources) -> np.ndarray:
     """Stream, number and value of the normal that each flight moves: none, then four flights a source, (3, flights)."""
     from scipy.special import ndtri
 
-    moved = np.zeros((3, 1 + 4 * len(sources)))
     steps = np.outer(STEPS, [1.0, -1.0]).ravel()
     of_uniform = ndtri(0.5 + steps / np.sqrt(12.0))  # which make as many deviations of the uniform number
-    for row, source in enumerate(sources):
-        columns = slice(1 + 4 * row, 5 + 4 * row)
-        moved[:2, columns] = [[source.stream], [source.number]]
-        moved[2, columns] = of_uniform if source.uniform else steps
-    return moved
+    moved = [
+        (source.stream, source.number, step) for source in sources for step in (of_uniform if source.uniform else steps)
+    ]
+    return np.transpose([(0.0, 0.0, 0.0), *moved])
 
 
 def budget_of(quantity, unit, sources, values, flown, tolerance) -> Budget:

@@ -59,33 +59,31 @@ class Campaign:
             f"{flies!r} does not fly: give Entry(...), Lander(...), Model(...) or a Flight",
         )
         self.model = model = flies.model() if hasattr(flies, "model") else Model(flies)
-        for name, seconds in (("end_time", end_time), ("period", period)):
-            require(is_number(seconds) and seconds > 0.0, f"{name} is {seconds!r} s; it must be positive")
-        require(
-            history is None or is_number(history),
-            f"history is {history!r}; give the seconds from one stored state to the next, or None",
-        )
-        require(
-            isinstance(seed, int | np.integer) and seed >= 0,
-            f"seed is {seed!r}; give a whole number that is not negative",
-        )
-        require(
-            is_number(substeps) and substeps >= 1 and substeps == int(substeps),
-            f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1",
-        )
+        whole = is_number(substeps) and substeps >= 1 and substeps == int(substeps)
+        checks = {
+            f"end_time is {end_time!r} s; it must be positive": is_number(end_time) and end_time > 0.0,
+            f"period is {period!r} s; it must be positive": is_number(period) and period > 0.0,
+            f"history is {history!r}; give the seconds from one stored state to the next, or None": (
+                history is None or is_number(history)
+            ),
+            f"seed is {seed!r}; give a whole number that is not negative": isinstance(seed, int | np.integer)
+            and seed >= 0,
+            f"substeps is {substeps!r}; give the integration steps in a guidance period, at least 1": whole,
+            f"truth is {truth!r}; give True or False": isinstance(truth, bool),
+        }
+        for sentence, good in checks.items():
+            require(good, sentence)
         self.end_time, self.period, self.substeps, self.history = end_time, period, substeps, history
         self.seed = key_of(seed)
         self.only = None  # normal of each trial that is not zero: all are drawn
         self.before = start if isinstance(start, PhaseBefore) else None
-        self.phase, self.ended_before = (self.before.phase if self.before else 0), {}
+        self.phase = self.before.phase if self.before else 0
         if self.before:
             require(together is None, "together: give it in the first phase, as what it draws goes on into this one")
-            self.start, self.ended_before = self.before.declared(model)
-            self.together = Together(self.start, model.declared_vehicle(), ())
+            self.together = Together(self.before.declared(model), model.declared_vehicle(), ())
         else:
             self.together = bound(together, model, start)
         self.start, self.vehicle = self.together.start, self.together.vehicle
-        require(isinstance(truth, bool), f"truth is {truth!r}; give True or False")
         nominal = dict(zip(self.start.names, self.start.means, strict=True))
         self.law = laws.bind(law, model.flight, nominal, model.units, truth)
         self.truth = self._truth_told()
@@ -96,12 +94,10 @@ class Campaign:
         for what, parts in (("p", self.p), ("law", self.law.parameters)):
             require_numbers(parts, what)
             check_parameters(parts, what)
-        if self.ends.data:
-            self.p = laws.extended(type(self.p), "ends")(*self.p, self.ends.data)
-        if self.senses.kinds:
-            self.p = laws.extended(type(self.p), "senses")(*self.p, self.senses.numbers)
-        if self.actuators.kinds:
-            self.p = laws.extended(type(self.p), "actuators")(*self.p, self.actuators.numbers)
+        added = {"ends": self.ends.data, "senses": self.senses.numbers, "actuators": self.actuators.numbers}
+        for name, numbers in added.items():
+            if numbers:
+                self.p = laws.extended(type(self.p), name)(*self.p, numbers)
         self.schedule(history)
         self.reached = self._reached()
         met = None
@@ -204,32 +200,24 @@ class Campaign:
 
     def _only(self, trials):
         """The normals of these trials that are not zero, or None if all are drawn."""
-        return None if self.only is None else self.only[:, trials[0] : trials[-1] + 1]
+        return None if self.only is None else self.only[:, trials]
 
     def drawn(self, trials):
         """Start, and vehicle with constant errors of its senses, of these trials, each (numbers, trials).
 
         Raises ValueError for numbers beyond their bounds.
         """
+        if self.before:
+            self.before.require_flown(trials)
         only, streams = self._only(trials), (self.stream(START), self.stream(VEHICLE))
         start, vehicle = self.together.sample(self.seed, streams, trials, self.model.bounds, only)
         if self.senses.constants:
             vehicle = np.concatenate([vehicle, self.senses.sample(self.seed, self.stream(SENSES), trials, only)])
-        if self.before:
-            self.before.require_flown(trials)
-        for place, values in self.ended_before.items():  # others have the mean, and are no flights
-            goes_on = self.before.goes_on[trials[0] : trials[-1] + 1]
-            start[place, goes_on] = values[trials[0] : trials[-1] + 1][goes_on]
         return start, vehicle
 
     def stream(self, number):
         """Stream of random numbers: phases have others, so that what they draw is independent."""
         return number + STREAMS * self.phase
-
-    def dispersed_start(self):
-        """Names of the start whose numbers differ from trial to trial, in order."""
-        dispersed = {*self.start.dispersed(), *(self.start.names[place] for place in self.ended_before)}
-        return [name for name in self.start.names if name in dispersed]
 
     def fly(self, trials, every, in_python=False, whole=True):
         """`Trajectories` of consecutive trials, of one alone if in Python; whole, or of the first period.
@@ -244,15 +232,17 @@ class Campaign:
         state, (start, vehicle) = self.model.flight.parts["state"], self.drawn(trials)
         schedule = self.schedule(every) if whole else self.schedule(every).first_period()
         arguments = (self.p, schedule, state(*start))
-        options = {"vehicle": self.vehicle_of(vehicle), "law": self.law.parameters, "nodes": self.model.nodes}
-        if self.model.air:
-            options["air"] = self.model.air.sample(self.seed, trials, self.stream(0), self._only(trials))
-        options |= {
+        only, air = self._only(trials), self.model.air
+        options = {
+            "vehicle": self.vehicle_of(vehicle),
+            "law": self.law.parameters,
+            "nodes": self.model.nodes,
+            "air": air.sample(self.seed, trials, self.stream(0), only) if air else None,
             "seed": self.seed,
             "first_trial": trials[0],
             "streams": (self.stream(NOISE), self.stream(AIR)),
             "navigation_stream": self.stream(NAVIGATION),
-            "only": self._only(trials),
+            "only": only,
         }
         if in_python:
             return self.flight().fly_in_python(*arguments, trial=trials[0], **options)
@@ -343,7 +333,7 @@ class Campaign:
         final, outcome = flown.final_state, self.outcomes(flown)
         if self.before:
             outcome = self.before.outcomes(trials, outcome)
-            never = ~self.before.goes_on[trials[0] : trials[-1] + 1]
+            never = ~self.before.goes_on[trials]
             for numbers in (final, history) if history is not None else (final,):
                 numbers[..., never] = np.nan
         return final, outcome, history

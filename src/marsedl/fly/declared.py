@@ -177,11 +177,8 @@ class Column(NamedTuple):
     """A number for each trial, given one by one."""
 
     values: np.ndarray  # (trials,)
-
-    @property
-    def mean(self):
-        """Mean of all."""
-        return float(self.values.mean())
+    mean: float
+    said: str  # of the name, before the number of a row, in messages
 
 
 def is_number(value) -> bool:
@@ -349,7 +346,7 @@ def declare(given, units, defaults, what, bounds) -> Declared:
             low, high = bounds.get(names[place], (-np.inf, np.inf))
             for row in np.flatnonzero(~((low <= factor * value.values) & (factor * value.values <= high)))[:1]:
                 raise ValueError(
-                    f"samples {key!r}: row {row} is {value.values[row]:g}; it {within(low / factor, high / factor)}"
+                    f"{value.said.format(key)} {row} is {value.values[row]:g}; it {within(low / factor, high / factor)}"
                 )
             sampled.append((place, factor * value.values))
         else:

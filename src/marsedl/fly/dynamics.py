@@ -55,7 +55,7 @@ def vary(node, normal, drawn, p) -> tuple[float, Drawn]:
 def look_up(state, air, p) -> Air:
     """Mean density, continued along its end slopes, and the trial's own factor, held beyond its nodes."""
     log_density = log_density_in_cells(state.altitude, p.bottom, 1.0 / p.spacing, p.cells)
-    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(air))
+    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(p.deviation))
     factor = 1.0 + air[node] + fraction * (air[node + 1] - air[node])
     return Air(log_density, factor if factor > 0.0 else 0.0)
 
@@ -120,44 +120,13 @@ def entry_watch(watched, sensed) -> EntryWatched:
 
 def entry_store(sensed, command: Bank) -> EntryStored:
     """What laws are told, which is the true state here, and what they command."""
-    return EntryStored(
-        sensed.altitude,
-        sensed.velocity,
-        sensed.flight_path_angle,
-        sensed.azimuth,
-        sensed.latitude,
-        sensed.longitude,
-        sensed.range,
-        sensed.crossrange,
-        sensed.density,
-        sensed.drag,
-        sensed.lift,
-        sensed.energy,
-        command.bank,
-    )
+    return EntryStored(*(sensed[:] + command[:]))
 
 
 def entry_finish(time, sensed, watched) -> EntryFinal:
     """The end, which the largest load and the lowest and highest altitude include."""
     whole = entry_watch(watched, sensed)
-    return EntryFinal(
-        time,
-        sensed.altitude,
-        sensed.velocity,
-        sensed.flight_path_angle,
-        sensed.azimuth,
-        sensed.latitude,
-        sensed.longitude,
-        sensed.range,
-        sensed.crossrange,
-        sensed.density,
-        sensed.drag,
-        sensed.lift,
-        sensed.energy,
-        whole.max_load,
-        whole.min_altitude,
-        whole.max_altitude,
-    )
+    return EntryFinal(time, *(sensed[:] + whole[:]))
 
 
 def frame_of(start):

@@ -21,6 +21,13 @@ from marsedl.words import missing, require
 __all__ = ["Flights", "OneFlight", "order_interval"]
 
 _GOAL = re.compile(r"p(\d+(?:\.\d+)?) of (\w+) within (\d+(?:\.\d+)?(?:e[+-]?\d+)?) ?(\S+)")
+PREFIXES = {  # of names, and what numbers with them mean
+    "": "{}",
+    "nav_": "{}, as laws know it",
+    "sensed_": "{}, as laws are told",
+    "start_": "{}, at the start",
+    "commanded_": "{}, as commanded",
+}
 _A_NUMBER = "{!r} is a number; give a condition, such as 'abs(range_km - 640) < 2'"
 
 
@@ -49,19 +56,19 @@ def _expression(text, value_of):
     """The value of an expression whose names are quantities. Raises ValueError for what is none."""
     import pandas as pd
 
-    example = "'abs(range_km - 640) < 2'"
-    require(isinstance(text, str), f"{text!r} is no expression in quantities, such as {example}")
+    wrong = f"{text!r} is no expression in quantities, such as 'abs(range_km - 640) < 2'"
+    require(isinstance(text, str), wrong)
     try:
         nodes = list(ast.walk(ast.parse(text.strip(), mode="eval")))
     except SyntaxError as error:
-        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+        raise ValueError(f"{wrong}: {error}") from None
     functions = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
     names = {node.id for node in nodes if isinstance(node, ast.Name)} - functions
     values = {name: pd.Series(value_of(name)) for name in names}
     try:
         return pd.eval(text.strip(), engine="python", local_dict=values, global_dict={})
     except (ValueError, NotImplementedError, TypeError, AttributeError) as error:
-        raise ValueError(f"{text!r} is no expression in quantities, such as {example}: {error}") from None
+        raise ValueError(f"{wrong}: {error}") from None
 
 
 def _spread_of_pairs(first, second):
@@ -215,11 +222,11 @@ class Flights:
         campaign, senses = self.campaign, self.campaign.senses
         start, vehicle = campaign.drawn(trials)
         if campaign.before:
-            start[:, ~campaign.before.goes_on[trials[0] : trials[-1] + 1]] = np.nan
+            start[:, ~campaign.before.goes_on[trials]] = np.nan
         dispersed = {*campaign.vehicle.dispersed(), *(senses.declared.dispersed() if senses.constants else ())}
         of_vehicle = zip((*campaign.vehicle.names, *senses.constants), vehicle, strict=True)
         return {
-            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.dispersed_start()},
+            **{f"start_{name}": start[campaign.start.names.index(name)] for name in campaign.start.dispersed()},
             **{name: values for name, values in of_vehicle if name in dispersed},
         }
 
@@ -277,12 +284,18 @@ class Flights:
         """Whether something that is asked for holds or not. Raises ValueError for what is no quantity, too."""
         return self._asked(what).dtype == bool
 
-    def _asked(self, what):
-        """A number of all flights, or whether a condition holds. Raises ValueError for what is neither."""
+    def _asked(self, what, percentile=None):
+        """A number of all flights, or whether a condition holds, which has no percentile.
+
+        Raises ValueError for what is neither.
+        """
         if not isinstance(what, str) or what.strip().isidentifier():
             return self.values(what)
         holds = self._evaluated(what, self._known)
         require(holds.dtype == bool, _A_NUMBER.format(what))
+        require(
+            percentile is None, f"{what!r} is a condition, which has a share and no percentile: leave percentile out"
+        )
         return holds
 
     def _of(self, name, known):
@@ -296,16 +309,14 @@ class Flights:
             return self.derived[name][0], name
         if name not in self.final and suffix in ("km", "deg"):
             return suffix, name
-        known, base = self.campaign.model.quantities | END_TIME, name.removeprefix("nav_").removeprefix("sensed_")
-        if name not in known and base in known:
-            return known[base][0], f"{known[base][1]}, as laws {'know it' if name.startswith('nav_') else 'are told'}"
-        for prefix, said in (("start_", "at the start"), ("commanded_", "as commanded")):
-            base = name.removeprefix(prefix)
-            if name not in known and base in known:
-                return known[base][0], f"{known[base][1]}, {said}"
-        if name not in known and name.startswith("saturated_"):
+        known = self.campaign.model.quantities | END_TIME
+        for prefix, said in PREFIXES.items():
+            if name.startswith(prefix) and (base := name.removeprefix(prefix)) in known:
+                unit, meaning = known[base]
+                return unit, said.format(meaning)
+        if name.startswith("saturated_"):
             return "", f"guidance periods in which limits kept {name.removeprefix('saturated_')} from what is commanded"
-        return known.get(name, ("", name))
+        return "", name
 
     def _counted(self):
         """Flights that count in statistics: those that ended as they should. Says how many do not."""
@@ -337,7 +348,7 @@ class Flights:
         require(
             all(map(is_number, np.atleast_1d(levels))), f"levels are {levels!r}; give numbers of per cent, such as 99"
         )
-        if 0.5 <= (largest := np.max(levels)) < 1.0:
+        if 0.5 <= (largest := np.max(levels, initial=0.0)) < 1.0:
             warnings.warn(f"levels are per cent: for {largest:.0%} write {100.0 * largest:g}", stacklevel=2)
         rows = []
         for name in [names] if isinstance(names, str) else names:
@@ -469,15 +480,10 @@ class Flights:
         both, rows = self._counted()[0] & other._counted()[0], []
         names = [name for name in self.final if name in other.final] if names is None else names
         for name in [names] if isinstance(names, str) else names:
-            first, second = self._asked(name)[both], other._asked(name)[both]
-            is_condition = first.dtype == bool
-            require(
-                not is_condition or percentile is None,
-                f"{name!r} is a condition, which has a share and no percentile: leave percentile out",
-            )
+            first, second = self._asked(name, percentile)[both], other._asked(name)[both]
             deviation, correlation = _spread_of_pairs(first.astype(float), second.astype(float))
             difference, (lower, upper) = _difference(first, second, confidence, percentile)
-            unit = "" if is_condition else self._meaning(name)[0]
+            unit = "" if first.dtype == bool else self._meaning(name)[0]
             rows.append((name, unit, difference, lower, upper, deviation, correlation, first.size))
         columns = ["quantity", "unit", "difference", "lower", "upper", "deviation", "correlation", "flights"]
         return pd.DataFrame(rows, columns=columns)
@@ -576,8 +582,7 @@ class Flights:
 
         _require_confidence(confidence)
         counted, left_out = self._counted()
-        result = self.values(what) if what in self._known else self._evaluated(what, self._known)
-        result = result[counted].astype(float)
+        result = self._asked(what, percentile)[counted].astype(float)
         if percentile is not None:
             _needed(percentile)
             result = (result > np.quantile(result, percentile / 100.0)).astype(float)

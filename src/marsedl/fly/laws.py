@@ -89,8 +89,8 @@ class GainTable:
                 f"{self.name}: column {column!r} holds {largest:g} rad, more than a turn; for degrees name it "
                 f"'{base}_deg'",
             )
-        table.against, table.nodes = next(iter(columns.items()))
-        table.columns = dict([*columns.items()][1:])
+        (table.against, table.nodes), *others = columns.items()
+        table.columns = dict(others)
         return table
 
     def commanded(self, told, commands):
@@ -186,15 +186,14 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
     )
     kinds = get_args(hints(function).get("return"))
     remembers = len(kinds) == 2 and all(hasattr(kind, "_fields") for kind in kinds)
+    offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
+    offered += ("memory", "past", "cycle", "half_index", "found", "p") if remembers else ()
     for name in asked:
         require(
             truth or name not in TRUTH,
             f"{described(function)} asks for {name!r}, the truth of its trial, which no guidance knows: ask for what "
             f"it is told, {', '.join(told._fields)}, or give fly truth=True, and the result says so",
         )
-    offered = ("time", "law", "nav", "sensed", *told._fields, *TRUTH[:2])
-    offered += ("memory", "past", "cycle", "half_index", "found", "p") if remembers else ()
-    for name in asked:
         require(
             remembers or name != "memory",
             f"{described(function)} asks for 'memory': annotate it, `-> tuple[Command, Memory]`",
@@ -237,13 +236,14 @@ def command_of(flight):
 
 
 class End(NamedTuple):
-    """Where a trigger ends a flight: a number falls to a value.
+    """Where a trigger ends a flight: a quantity, with a sign, falls to a value.
 
-    The number is a sum of weights x quantities of the state and the time, or of what is sensed one quantity, as others
-    of a model may be no numbers: a sign, and its place. So one kernel serves all that is known of a flight either way.
+    It is chosen by its place among those of the state and the time, or among those that are sensed, so that one kernel
+    serves all that is known of a flight either way.
     """
 
-    weights: tuple[float, ...]
+    sign: float
+    place: float
     value: float
 
 
@@ -276,8 +276,7 @@ def ends_of(trigger, model, nominal) -> Ends:
         several = getattr(flight.classes["ended"], "_fields", None)
         return Ends(("own",), (), several or (f"ended: {own.__name__}",), aims=True)
     given = trigger if isinstance(trigger, Mapping) else {} if trigger is None else {None: trigger}
-    whole, kinds, data, names = {**model.ends, **given}, [], [], []
-    whole = {**given, **whole}  # the given ones first
+    whole, kinds, data, names = {**given, **model.ends, **given}, [], [], []  # the given ones first
     single = [one for one in whole.values() if callable(one) and returned(one, "ended") == (bool,)]
     if single:  # it ends flights after a step, alone
         require(
@@ -290,15 +289,13 @@ def ends_of(trigger, model, nominal) -> Ends:
             isinstance(one, Below | Above) or callable(one),
             f"trigger {one!r} is none: give Below(name, value), Above(name, value) or a function",
         )
-        if callable(one):
-            kinds.append(one)
-            names.append(outcome or f"ended: {one.__name__}")
-        else:
+        kind, said = one, getattr(one, "__name__", "")
+        if not callable(one):
             advice = "" if outcome in given or outcome is None else "; the model has this end, such as its ground"
-            kind, end, text = _crossing(one, (state, sensed), units, nominal, advice)
-            kinds.append(kind)
+            kind, end, said = _crossing(one, (state, sensed), units, nominal, advice)
             data.append(end)
-            names.append(outcome or f"ended: {text}")
+        kinds.append(kind)
+        names.append(outcome or f"ended: {said}")
     return Ends(tuple(kinds), tuple(data), tuple(names) or ("completed",), bool(given) or bool(single))
 
 
@@ -318,15 +315,14 @@ def _crossing(trigger, known, units, nominal, advice):
     require(is_number(trigger.value), f"trigger {trigger}: its value must be a finite number")
     text = f"{trigger.quantity} {word} {trigger.value:g}"
     value = sign * factor * float(trigger.value)
-    if name not in (*state, "time"):  # whether it is met at the start, a flight's functions say
-        return tuple(f"sensed.{other}" for other in sensed), End((sign, float(sensed.index(name))), value), text
-    require(
+    require(  # of what is sensed, a flight's functions say it
         name not in state or sign * nominal[name] > value,
         f"trigger {text} is met at the start, where {name} is {nominal.get(name, np.nan):g}{advice}",
     )
-    weights = [sign if other == name else 0.0 for other in state]
-    of_time = 0.0 if name in state else sign
-    return (*(f"state.{other}" for other in state), "time"), End((*weights, of_time), value), text
+    of_state = [*(f"state.{other}" for other in state), "time"]
+    names = [f"sensed.{other}" for other in sensed] if name in sensed else of_state
+    place = [other.rpartition(".")[2] for other in names].index(name)
+    return tuple(names), End(sign, float(place), value), text
 
 
 def _ended_by(kind):
@@ -342,12 +338,8 @@ def _ended_by(kind):
             asked |= dict.fromkeys(arguments)
         else:
             end = f"p.ends[{len(terms) - len(functions)}]"
-            if "time" in one:
-                number = " + ".join(f"{end}.weights[{row}] * {name}" for row, name in enumerate(one))
-            else:
-                chosen = "".join(f"{name} if {end}.weights[1] == {row}.0 else " for row, name in enumerate(one[:-1]))
-                number = f"{end}.weights[0] * ({chosen}{one[-1]})"
-            terms.append(f"{number} - {end}.value")
+            chosen = "".join(f"{name} if {end}.place == {row}.0 else " for row, name in enumerate(one[:-1]))
+            terms.append(f"{end}.sign * ({chosen}{one[-1]}) - {end}.value")
             asked |= dict.fromkeys([*(name.partition(".")[0] for name in one), "p"])
     if len(terms) == 1:
         return generated(asked, [f"return {terms[0]}"], float)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from marsedl.fly.declared import Declared, resolve, within
+from marsedl.fly.declared import Column, Declared
 from marsedl.words import require
 
 STREAMS = 16  # of random numbers in a phase: those of phase k are k x 16 and on, whatever the seeds are
@@ -21,13 +21,11 @@ class PhaseBefore:
     goes_on: np.ndarray  # (trials,), whether it ended as it should
     phase: int  # number of the phase that starts, from 1 on
 
-    def declared(self, model) -> tuple[Declared, dict[int, np.ndarray]]:
-        """The start, with means in place of what trials have of their own, and that, (trials,), by its place.
-
-        Raises ValueError as `declare`, and for a trial whose number lies beyond its bounds.
-        """
+    def declared(self, model) -> Declared:
+        """The start. Raises ValueError as `declare`, and for numbers that are not one for each trial."""
         require(self.goes_on.any(), "start: no trial ended the phase before as it should; see its outcomes()")
-        own = {name: values for name, values in self.given.items() if isinstance(values, np.ndarray)}
+        given = dict(self.given)
+        own = {name: values for name, values in given.items() if isinstance(values, np.ndarray)}
         for name, values in own.items():
             require(
                 values.shape == self.outcome.shape and values.dtype.kind in "biuf",
@@ -37,26 +35,14 @@ class PhaseBefore:
                 np.isfinite(values[self.goes_on]).all(),
                 f"start {name!r} is not finite in trials that end as they should",
             )
-        means = {name: float(values[self.goes_on].mean()) for name, values in own.items()}
-        start = model.declared_start({**self.given, **means})
-        units, placed = model.units(start.names), {}
-        for written, values in own.items():
-            name, factor = resolve(written, units, "start")
-            low, high = model.bounds.get(name, (-np.inf, np.inf))
-            beyond = np.flatnonzero(self.goes_on & ~((low <= factor * values) & (factor * values <= high)))
-            require(
-                not beyond.size,
-                f"start {written!r} {within(low / factor, high / factor)}, but {beyond.size:,} trials end the phase "
-                f"before with others, such as trial {beyond[:1]}",
-            )
-            placed[start.names.index(name)] = factor * values
-        return start, placed
+            mean = float(values[self.goes_on].mean())  # others have it, and are no flights
+            given[name] = Column(np.where(self.goes_on, values, mean), mean, "start {!r}: the end of trial")
+        return model.declared_start(given)
 
     def outcomes(self, trials, outcome):
         """Outcomes of these trials, those being named that did not end the phase before as they should."""
-        here = slice(trials[0], trials[-1] + 1)
-        before = np.char.add("before: ", self.outcome[here].astype(str))
-        return np.where(self.goes_on[here], outcome, before)
+        before = np.char.add("before: ", self.outcome[trials].astype(str))
+        return np.where(self.goes_on[trials], outcome, before)
 
     def require_flown(self, trials):
         """Refuse trials that the phase before does not have."""

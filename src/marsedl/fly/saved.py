@@ -49,14 +49,9 @@ class Unflown:
         """What histories hold."""
         return SimpleNamespace(parts={"stored": namedtuple("Stored", self.stored)})
 
-    def fly_all(self, *arguments):
-        """Raise ValueError: these flights cannot go on."""
-        raise ValueError(self.why)
-
-    @property
-    def period(self):
-        """Raise ValueError: no trial can be flown again."""
-        raise ValueError(self.why)
+    def __getattr__(self, name):
+        """Raise ValueError: what is asked for beside these would fly."""
+        raise AttributeError(name) if name.startswith("__") else ValueError(self.why)
 
 
 def save(flights, path):

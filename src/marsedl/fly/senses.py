@@ -79,7 +79,7 @@ class Senses:
         Raises:
             ValueError: for what laws are not told, or what is no error, with the name.
         """
-        names = tuple(f"{name}_{part}" for name in told for part in _CONSTANTS)
+        defaults = {f"{name}_{part}": value for name in told for part, value in _CONSTANTS.items()}
         unit_of = {f"{name}_{part}": "1" if part == "scale" else units[name] for name in told for part in _CONSTANTS}
         kinds, numbers, constants = [], [], {}
         for written, error in self.errors.items():
@@ -100,7 +100,6 @@ class Senses:
             else:
                 kinds.append((name, "drag"))
                 numbers.append(_through_drag(written, error, told))
-        defaults = dict(zip(names, [*_CONSTANTS.values()] * len(told), strict=True))
         declared = declare(constants, unit_of, defaults, "senses", {})
         used = [f"{name}_{part}" for name, kind in kinds if kind == "error" for part in _CONSTANTS]
         return Bound(tuple(kinds), declared, tuple(used), tuple(numbers))

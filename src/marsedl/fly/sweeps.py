@@ -40,30 +40,23 @@ def compare(flights, names, percentiles=(1, 50, 99), confidence=0.95):
     names, rows = [names] if isinstance(names, str) else [*names], []
     first = next(iter(flights.values()))
     for case, one in flights.items():
+        count = int(one._counted()[0].sum())
         for name in names:
-            for statistic, percentile in _statistics(one, name, percentiles):
-                value, lower, upper, count, note = _own(one, name, percentile, confidence)
+            for statistic, percentile, *own, note in _statistics(one, name, percentiles, confidence):
                 paired = one.against(first, name, confidence, percentile).iloc[0]
                 difference = (np.nan,) * 3 if one is first else paired[["difference", "lower", "upper"]]
-                rows.append((case, name, statistic, paired["unit"], value, lower, upper, *difference, count, note))
+                rows.append((case, name, statistic, paired["unit"], *own, *difference, count, note))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _statistics(flights, name, percentiles):
-    """Name and percentile of what is told of a quantity or a condition."""
-    if flights.is_condition(name):
-        return [("share", None)]
-    return [("mean", None), *((f"p{level:g}", level) for level in np.atleast_1d(percentiles))]
+def _statistics(flights, name, percentiles, confidence):
+    """What is told of a quantity or a condition: name, percentile, value, both ends of its interval, and note of each.
 
-
-def _own(flights, name, percentile, confidence):
-    """Value, both ends of its interval, flights and note of one statistic of one case."""
+    Only percentiles have a percentile.
+    """
     counted, note = flights._counted()
     if flights.is_condition(name):
-        value, lower, upper, *_ = flights.probability(name, confidence)
-    elif percentile is None:
-        value, (lower, upper) = mean_interval(flights.values(name)[counted], confidence)
-    else:
-        row = flights.percentiles(name, percentile, confidence).iloc[0]
-        value, lower, upper, note = row[["value", "lower", "upper", "note"]]
-    return value, lower, upper, int(counted.sum()), note
+        return [("share", None, *flights.probability(name, confidence)[["value", "lower", "upper"]], note)]
+    mean, ends = mean_interval(flights.values(name)[counted], confidence)
+    rows = flights.percentiles(name, percentiles, confidence)[["percentile", "value", "lower", "upper", "note"]]
+    return [("mean", None, mean, *ends, note), *((f"p{row[0]:g}", *row) for row in rows.itertuples(index=False))]

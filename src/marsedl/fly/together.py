@@ -46,7 +46,7 @@ class Samples:
             values = pd.to_numeric(frame[name], errors="coerce").to_numpy(float)
             for row in np.flatnonzero(~np.isfinite(values))[:1]:
                 raise ValueError(f"samples {name!r}: row {row} is {frame[name].iloc[row]}: give a finite number")
-            self.columns[str(name)] = Column(values)
+            self.columns[str(name)] = Column(values, float(values.mean()), "samples {!r}: row")
 
     def __repr__(self):
         """Names and rows."""

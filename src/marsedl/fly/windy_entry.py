@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.elementary import exponential, sine_cosine
 from marsedl.fly import dynamics
 from marsedl.fly.dynamics import Bank, EntryFinal, EntryParameters, EntrySensed, EntryState, EntryStored
-from marsedl.models.atmosphere import log_density_in_cells, node_below
+from marsedl.models.atmosphere import node_below
 from marsedl.models.dynamics.entry import rates_of_directions
 from marsedl.montecarlo.flights import Flight
 
@@ -22,16 +22,14 @@ WindyFinal = namedtuple("WindyFinal", (*EntryFinal._fields, *_WIND))
 
 
 def look_up(state, air, p) -> WindyAir:
-    """As `dynamics.look_up`, and the wind, held beyond its nodes; in `air` it stands after the variations."""
-    log_density = log_density_in_cells(state.altitude, p.bottom, 1.0 / p.spacing, p.cells)
-    node, fraction = node_below((state.altitude - p.varied_from) / p.varied_by, len(p.deviation))
-    factor = 1.0 + air[node] + fraction * (air[node + 1] - air[node])
+    """As `dynamics.look_up`, and the wind, held beyond its nodes; in `air` it comes after the variations."""
+    still = dynamics.look_up(state, air, p)
     nodes = (len(air) - len(p.deviation)) // 2
     node, fraction = node_below((state.altitude - p.wind_from) / p.wind_by, nodes)
     zonal, meridional = len(p.deviation) + node, len(p.deviation) + nodes + node
     return WindyAir(
-        log_density,
-        factor if factor > 0.0 else 0.0,
+        still.log_density,
+        still.factor,
         air[zonal] + fraction * (air[zonal + 1] - air[zonal]),
         air[meridional] + fraction * (air[meridional + 1] - air[meridional]),
     )
