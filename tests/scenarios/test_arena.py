@@ -71,6 +71,15 @@ def test_a_table_tells_places_and_what_is_lost():
     assert found["inside"][1] == pytest.approx(np.mean(scores(1, lost=(1, 2))["inside"]))
 
 
+def test_all_numbers_have_intervals():
+    """Medians of what is no miss, and the 99th percentile of what is asked for."""
+    one = scores(0, range(4 * TRIALS))
+    (row,) = arena.table({"a": one}, tails=("saturated",)).to_dict("records")
+    for which, level in (("median", 0.5), ("p99", 0.99)):
+        assert row[f"{which}_saturated"] == np.quantile(one["saturated"], level)
+        assert row[f"{which}_saturated_lower"] < row[f"{which}_saturated"] < row[f"{which}_saturated_upper"]
+
+
 def test_two_laws_that_are_one_are_a_tie():
     (row,) = arena.pairs({"a": scores(0), "b": scores(0)}).to_dict("records")
     assert row["misses_less"] == "tie"
@@ -105,7 +114,8 @@ class Sketch(Scenario):
 
     name, box, digits = "entry", "near", ".2f"
     conditions: ClassVar = EntryScenario.conditions
-    largest_miss = onboard = flight = told = efforts = None
+    largest_miss = onboard = flight = told = None
+    tails = ("saturated",)
     columns: ClassVar = {"miss": ("m", "miss"), "saturated": ("1", "limits"), "inside": ("1", "in the box")}
 
 
@@ -129,6 +139,9 @@ def test_a_sample_that_agrees_shows_the_sealed_table(sealed):
     assert {row["trials"] for row in again.ranked} == {4 * BLOCK}
     table = shown.TABLES["ranks"](again)
     assert table["law"].tolist() == ["law_0", "law_1"]
+    efforts = shown.TABLES["efforts"](again)
+    assert efforts["number"].tolist() == ["saturated"] * 2
+    assert efforts["p99"].tolist() == [row["p99_saturated"] for row in whole["ranks"]]
 
 
 def test_a_block_that_differs_is_named(sealed):

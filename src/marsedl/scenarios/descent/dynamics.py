@@ -12,6 +12,7 @@ from marsedl.montecarlo.flights import Flight
 
 __all__ = ["FLIGHT", "Forces", "Parameters", "State", "Thrust", "Vehicle", "magnitude", "rates"]
 
+LOW = 10.0  # m, below which it does not matter from which side the lander comes
 SMALLEST_SQUARED_THRUST = 1e-300  # keeps a direction's derivative finite at zero thrust
 
 
@@ -79,6 +80,8 @@ class Parameters(NamedTuple):
     across: float = 1.0  # of noise and gusts, over those downrange
     gust: float = 0.0  # standard deviation, N
     gust_time: float = 1.0  # s
+    target_downrange: float = 0.0  # m
+    target_crossrange: float = 0.0
 
 
 class Vehicle(NamedTuple):
@@ -91,9 +94,11 @@ class Vehicle(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What is counted in a flight."""
+    """What is told of a whole flight."""
 
     saturated: float = 0.0  # cycles whose command is beyond the limits of the thrust
+    largest_command: float = 0.0  # thrust, N
+    widest: float = 0.0  # square of the tangent of the largest angle from the vertical above the target, when above LOW
 
 
 def magnitude(command):
@@ -165,11 +170,18 @@ def sense(state) -> State:
     )
 
 
-def watch(watched, command, vehicle) -> Watched:
-    """Count commands beyond the limits."""
+def watch(watched, state, command, vehicle, p) -> Watched:
+    """Count commands beyond the limits; largest command; and how flat the lander is seen from the target."""
     wanted = magnitude(command)
     beyond = wanted < vehicle.smallest_thrust or wanted > vehicle.largest_thrust
-    return Watched(watched.saturated + (1.0 if beyond else 0.0))
+    ahead, right = state.downrange - p.target_downrange, state.crossrange - p.target_crossrange
+    high = state.altitude if state.altitude > LOW else LOW
+    widest = (ahead * ahead + right * right) / (high * high) if state.altitude > LOW else 0.0
+    return Watched(
+        watched.saturated + (1.0 if beyond else 0.0),
+        wanted if wanted > watched.largest_command else watched.largest_command,
+        widest if widest > watched.widest else watched.widest,
+    )
 
 
 FLIGHT = Flight(gusty_rates, noise=Disturbances, sense=sense, watch=watch, watch_steps=False)
