@@ -9,6 +9,7 @@ import numpy as np
 
 from marsedl.fly.flights import Flights
 from marsedl.replication.errors import MarsedlError
+from marsedl.scenarios import costs
 from marsedl.scenarios.ranking import Estimate, paired, percentile, places, summary_of
 from marsedl.scenarios.scenario import POOLS, Resident, Scenario
 
@@ -72,6 +73,8 @@ class Try(NamedTuple):
     numbers: dict[str, float]  # none: the law as its authors give it
     mean: float  # miss, m, with that of lost trials; NaN: it could not be designed
     saturated: float  # guidance periods with a limit in action, on average
+    command: float = np.nan  # operations of a command, of the best try; see `costs`
+    design: str = ""  # what its design solves and flies
 
 
 def tuned(
@@ -80,7 +83,8 @@ def tuned(
     """Try a law with as many sets of numbers as every law has, the same flights for each; the best one is the first.
 
     The first try is the law as its authors give it; the others are points of a Sobol sequence between the bounds, on a
-    logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box.
+    logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box. What
+    the best one costs is counted.
     flights: of one law. most: tries.
     """
     from scipy.stats import qmc
@@ -101,7 +105,13 @@ def tuned(
         misses = np.where(np.isfinite(scores["miss"]), scores["miss"], LOST * scenario.largest_miss)
         known = scores["saturated"][np.isfinite(scores["saturated"])]
         found.append(Try(numbers, float(misses.mean()), float(known.mean()) if known.size else np.nan))
-    return sorted(found, key=lambda one: (np.isnan(one.mean), one.mean))
+    found.sort(key=lambda one: (np.isnan(one.mean), one.mean))
+    if not np.isnan(found[0].mean):
+        laws = []
+        work = costs.design_of(lambda: laws.append(resident.design(scenario.onboard, **found[0].numbers)))
+        operations = costs.command_of(scenario.campaign(laws[0], condition, POOLS["tuning"]))
+        found[0] = found[0]._replace(command=operations, design=work)
+    return found
 
 
 def tuned_again(scenario: Scenario, known: Mapping[str, list[dict]]) -> str:

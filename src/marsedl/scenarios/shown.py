@@ -201,12 +201,15 @@ def laws(shown: Shown):
     rows = []
     for name, one in shown.scenario.residents.items():
         bounds = [f"{number} from {low:g} to {high:g}" for number, (low, high) in one.tuned.items()]
-        rows.append((name, one.words, one.differs, ", ".join(bounds)))
+        best = shown.tuned[name][0]
+        rows.append((name, one.words, one.differs, ", ".join(bounds), best["design"], best["command"]))
     columns = {
         "law": Column(),
         "what it is": Column(),
         "differs": Column(meaning="what of limits, partition, linear model or lateral logic is not that of the others"),
         "tuned": Column(meaning="numbers that are tuned, between which bounds"),
+        "design": Column(meaning="what it solves and flies, beyond what all laws share: nominal flight, linear model"),
+        "command": Column("", ".0f", "operations of a command, and of the actuators that take it"),
     }
     return table(rows, columns)
 
