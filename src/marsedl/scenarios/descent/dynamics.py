@@ -3,6 +3,7 @@
 The plane is a special case: what starts in it and meets no forces across stays in it.
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -28,19 +29,8 @@ class State(NamedTuple):
     mass: float  # kg, as it is known on board
 
 
-class Gusty(NamedTuple):
-    """State and gusts, in N."""
-
-    downrange: float
-    crossrange: float
-    altitude: float
-    downrange_velocity: float
-    crossrange_velocity: float
-    vertical_velocity: float
-    mass: float
-    gust_downrange: float
-    gust_crossrange: float
-    gust_vertical: float
+GUSTS = ("gust_downrange", "gust_crossrange", "gust_vertical")
+Gusty = namedtuple("Gusty", (*State._fields, *GUSTS))  # state, and gusts in N
 
 
 class Thrust(NamedTuple):
@@ -59,15 +49,7 @@ class Forces(NamedTuple):
     vertical: float
 
 
-class Disturbances(NamedTuple):
-    """White noise of thrust and gusts."""
-
-    downrange: float
-    crossrange: float
-    vertical: float
-    gust_downrange: float
-    gust_crossrange: float
-    gust_vertical: float
+Disturbances = namedtuple("Disturbances", (*Forces._fields, *GUSTS))  # white noise of thrust and gusts
 
 
 class Parameters(NamedTuple):
@@ -143,18 +125,12 @@ def gusty_rates(state, command: Thrust, noise, vehicle, p) -> Gusty:
     )
     moved = motion(state, command, force, vehicle, p)
     decay, fresh = 1.0 / p.gust_time, p.gust * np.sqrt(2.0 / p.gust_time)
-    return Gusty(
-        moved.downrange,
-        moved.crossrange,
-        moved.altitude,
-        moved.downrange_velocity,
-        moved.crossrange_velocity,
-        moved.vertical_velocity,
-        moved.mass,
+    gusts = (
         fresh * noise.gust_downrange - decay * state.gust_downrange,
         fresh * p.across * noise.gust_crossrange - decay * state.gust_crossrange,
         fresh * noise.gust_vertical - decay * state.gust_vertical,
     )
+    return Gusty(*(moved[:] + gusts))
 
 
 def sense(state) -> State:
