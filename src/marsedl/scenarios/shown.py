@@ -90,26 +90,23 @@ class Shown:
         """Laws that are looked into: one with feedback where few trials show no more than that all works."""
         return [*self.scores] if self.trials.size >= BLOCK else [*self.scores][1:2]
 
+    def _practice(self, trials, history=None) -> dict[str, Flights]:
+        """Flights on the practice pool; history: seconds between states, if any are kept."""
+        made = {}
+        for name in self._looked_into:
+            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], history)
+            made[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
+        return made
+
     @cached_property
     def studied(self) -> dict[str, Flights]:
-        """Flights of every law on the practice pool, which may be asked further questions."""
-        trials = min(STUDIED, 4 * self.trials.size)
-        flights = {}
-        for name in self._looked_into:
-            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"])
-            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
-        return flights
+        """Flights of every law, which may be asked further questions."""
+        return self._practice(min(STUDIED, 4 * self.trials.size))
 
     @cached_property
     def histories(self) -> dict[str, Flights]:
         """Flights of every law with a state every two guidance periods."""
-        flights = {}
-        for name in self._looked_into:
-            options = {"period": 1.0} | self.scenario.flight(STUDY)
-            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], 2.0 * options["period"])
-            trials = min(WITH_HISTORY, self.trials.size)
-            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
-        return flights
+        return self._practice(min(WITH_HISTORY, self.trials.size), 2.0 * self.scenario.flight(STUDY)["period"])
 
     def blocks(self) -> dict[str, list[str]]:
         """Digests of all bits of each block of trials, by law."""

@@ -42,10 +42,7 @@ NO_ERRORS = {
 class DescentScenario(Scenario):
     """Powered descent to the ground."""
 
-    name = "descent"
-    paper = "powered_descent"
-    model = Inputs
-    residents = RESIDENTS
+    name, paper, model, residents = "descent", "powered_descent", Inputs, RESIDENTS
     conditions: ClassVar = {
         "exact": Condition("exact", "start and thrust noise alone; laws know the state", NO_ERRORS),
         "dispersed": Condition("dispersed", "all dispersions"),

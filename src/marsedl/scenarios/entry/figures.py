@@ -6,7 +6,7 @@ from marsedl.fly.dynamics import STANDARD_GRAVITY
 from marsedl.plotting.curves import legend_below
 from marsedl.plotting.style import BLACK, new_figure
 from marsedl.scenarios import figures
-from marsedl.scenarios.figures import colors, grid, words
+from marsedl.scenarios.figures import banded, colors, words
 
 __all__ = ["FIGURES"]
 
@@ -35,22 +35,14 @@ def density(shown):
 
 def corridor(shown):
     """Altitude against velocity with bands."""
-    figure, panels = grid(len(shown.histories))
     velocity = np.linspace(520.0, 5400.0, 80)
     nominal, opens = shown.scenario.onboard.nominal, shown.scenario.given.flown.parachute
-    for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
-        stored = flights.to_xarray()
-        curves = []
-        for trial in range(flights.trials):
-            fast, high = stored["velocity_history"].values[:, trial], stored["altitude_history"].values[:, trial]
-            falling = np.argsort(fast[np.isfinite(fast)])
-            curves.append(np.interp(velocity, fast[np.isfinite(fast)][falling], high[np.isfinite(fast)][falling]))
-        low, high = np.quantile(curves, [0.05, 0.95], axis=0) / 1e3
-        panel.fill_between(velocity, low, high, color=colors(shown.scores)[law]["color"], alpha=0.35, linewidth=0.0)
+    figure, drawn = banded(shown, "altitude", "velocity", velocity)
+    for panel, color, low, high in drawn:
+        panel.fill_between(velocity, low / 1e3, high / 1e3, color=color, alpha=0.35, linewidth=0.0)
         panel.plot(nominal.velocity, nominal.altitude / 1e3, color=BLACK, linewidth=0.8)
         panel.plot(opens[1], opens[0] / 1e3, "x", color=BLACK, markersize=6)
         panel.set(xlim=(0.0, 5500.0), ylim=(0.0, 60.0))
-        panel.set_title(words(law), fontsize=8)
     figure.supxlabel("velocity (m/s)", fontsize=9)
     figure.supylabel("altitude (km)", fontsize=9)
     return figure
