@@ -13,7 +13,7 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 30_732,
+    "src/marsedl": 30_829,
     "src/marsedl/papers": 10_364,
     "src/marsedl/methods": 4_144,
     "src/marsedl/models": 652,
@@ -24,7 +24,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_395,
 }
-LINES = 42_712  # of tests
+LINES = 42_829  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

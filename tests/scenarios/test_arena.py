@@ -3,13 +3,17 @@
 import json
 from collections import namedtuple
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from marsedl.comparison import comparisons
+from marsedl.fly import Model
+from marsedl.fly.campaign import Campaign
+from marsedl.methods.tvlqr import discrete_regulator
+from marsedl.montecarlo.flights import Flight
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs.readings import load_studies
@@ -17,7 +21,7 @@ from marsedl.replication.pipeline import products
 from marsedl.replication.pipeline.products import BLOCK, Products
 from marsedl.replication.records import store
 from marsedl.results import arena as arena_of_results
-from marsedl.scenarios import arena, arenas, load, shown
+from marsedl.scenarios import arena, arenas, costs, load, shown
 from marsedl.scenarios.arena import Scores
 from marsedl.scenarios.entry.scenario import EntryScenario
 from marsedl.scenarios.records import ArenaFlights, gathered, of_scores, scores_of
@@ -71,6 +75,15 @@ def test_a_table_tells_places_and_what_is_lost():
     assert found["inside"][1] == pytest.approx(np.mean(scores(1, lost=(1, 2))["inside"]))
 
 
+def test_all_numbers_have_intervals():
+    """Medians of what is no miss, and the 99th percentile of what is asked for."""
+    one = scores(0, range(4 * TRIALS))
+    (row,) = arena.table({"a": one}, tails=("saturated",)).to_dict("records")
+    for which, level in (("median", 0.5), ("p99", 0.99)):
+        assert row[f"{which}_saturated"] == np.quantile(one["saturated"], level)
+        assert row[f"{which}_saturated_lower"] < row[f"{which}_saturated"] < row[f"{which}_saturated_upper"]
+
+
 def test_two_laws_that_are_one_are_a_tie():
     (row,) = arena.pairs({"a": scores(0), "b": scores(0)}).to_dict("records")
     assert row["misses_less"] == "tie"
@@ -88,16 +101,63 @@ def test_tuning_takes_the_best_of_equally_many_tries(monkeypatch):
         return Scores(("miss", "saturated"), np.array([misses, misses]), np.full(count, "x"))
 
     monkeypatch.setattr(arena, "flown", flown)
-    scenario = namedtuple("Fake", "onboard largest_miss")(None, 1.0)
+    monkeypatch.setattr(arena.costs, "command_of", lambda campaign: campaign[0])
+    scenario = namedtuple("Fake", "onboard largest_miss campaign")(None, 1.0, lambda *given: given)
     resident = Resident("made up", lambda onboard, gain=8.0: gain, {"gain": (0.1, 10.0)})
     tries = arena.tuned(scenario, resident)
     assert len(tries) == arena.TUNING_TRIES
     assert {seed for _, _, seed, _, _ in asked} == {11}
     assert sum(count for *_, count in asked) == arena.TUNING_FLIGHTS
     assert tries[0].mean == min(one.mean for one in tries)
+    assert tries[0].command == tries[0].numbers["gain"]  # the cost of the best
     own = next(one for one in tries if not one.numbers)
     count = arena.TUNING_FLIGHTS // arena.TUNING_TRIES
     assert own.mean == pytest.approx(((count - 5) * np.log(4.0) + 5 * 10.0) / count)
+
+
+def test_a_law_of_the_sealed_table_is_tuned_again(monkeypatch):
+    """One of them, drawn by all that was tried; a bit that differs is an error."""
+    scenario = namedtuple("Fake", "name residents")("entry", {"law_0": 0, "law_1": 1})
+    monkeypatch.setattr(arena, "tuned", lambda scenario, law: [arena.Try({}, 1.0 + law, 0.0, 3.0)])
+    known = {f"law_{law}": [arena.Try({}, 1.0 + law, 0.0, 3.0)._asdict()] for law in (0, 1)}
+    assert arena.tuned_again(scenario, json.loads(json.dumps(known))) in known
+    for law in known:
+        known[law][0]["mean"] = np.nextafter(known[law][0]["mean"], np.inf)
+    with pytest.raises(MarsedlError, match="is tuned otherwise than in the sealed table"):
+        arena.tuned_again(scenario, known)
+
+
+def test_costs_are_counted():
+    """Operations of a command, whatever flies it; and what a design solves."""
+
+    class Command(NamedTuple):
+        rate: float
+
+    class State(NamedTuple):
+        place: float
+
+    def rates(state, command: Command) -> State:
+        return State(command.rate)
+
+    def twice(x):
+        return 2.0 * x
+
+    def plain(place):
+        return 0.0
+
+    def law(place):
+        return -twice(place) * 0.5 if place > -1.0 else 0.0
+
+    def operations(law):
+        options = {"end_time": 50.0, "period": 1.0, "substeps": 1, "history": None, "trigger": None}
+        return costs.command_of(Campaign(Model(Flight(rates)), {"place": 0.5}, law=law, seed=1, **options))
+
+    assert operations(law) - operations(plain) == 4.0  # two products, a negation and a comparison
+    weights = np.eye(1)
+    steps = np.ones((3, 1, 1))
+    assert costs.design_of(lambda: discrete_regulator(steps, steps, np.ones(3), weights, steps, weights)) == (
+        "1 Riccati recursion"
+    )
 
 
 class Sketch(Scenario):
@@ -105,7 +165,8 @@ class Sketch(Scenario):
 
     name, box, digits = "entry", "near", ".2f"
     conditions: ClassVar = EntryScenario.conditions
-    largest_miss = onboard = flight = told = efforts = None
+    largest_miss = onboard = flight = told = None
+    tails = ("saturated",)
     columns: ClassVar = {"miss": ("m", "miss"), "saturated": ("1", "limits"), "inside": ("1", "in the box")}
 
 
@@ -129,6 +190,9 @@ def test_a_sample_that_agrees_shows_the_sealed_table(sealed):
     assert {row["trials"] for row in again.ranked} == {4 * BLOCK}
     table = shown.TABLES["ranks"](again)
     assert table["law"].tolist() == ["law_0", "law_1"]
+    efforts = shown.TABLES["efforts"](again)
+    assert efforts["number"].tolist() == ["saturated"] * 2
+    assert efforts["p99"].tolist() == [row["p99_saturated"] for row in whole["ranks"]]
 
 
 def test_a_block_that_differs_is_named(sealed):

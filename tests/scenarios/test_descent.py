@@ -290,6 +290,25 @@ def test_every_condition_flies_and_is_another_one(scenario, laws):
     assert len({*ends.values()}) == len(ends)
 
 
+def test_what_is_counted_is_what_histories_show(scenario, laws):
+    options = scenario.flight("dispersed")
+    flights = fly(**options, law=laws["regulator"], history=options["period"], trials=2, seed=1, compiled=False)
+    stored, scores, goal = flights.to_xarray(), scenario.scores(flights), scenario.onboard.goal
+    level = [stored[f"{name}_history"].values - goal[row] for row, name in enumerate(("downrange", "crossrange"))]
+    high = stored["altitude_history"].values
+    angles = np.where(high > 10.0, np.arctan2(np.sqrt(level[0] ** 2 + level[1] ** 2), high), np.nan)
+    commands = [stored[f"commanded_{name}_history"].values for name in Thrust._fields]
+    np.testing.assert_allclose(scores["widest_angle"], np.nanmax(angles, axis=0))
+    # The last state of a history is that of the end, with the command before it.
+    np.testing.assert_allclose(
+        scores["largest_command"], np.nanmax(np.sqrt(np.sum(np.square(commands), axis=0)), axis=0)
+    )
+    upright = np.arctan2(
+        np.hypot(*(flights.final[name] for name in Thrust._fields[:2])), flights.final["thrust_vertical"]
+    )
+    np.testing.assert_allclose(scores["tilt"], upright, rtol=1e-14)
+
+
 def test_flights_that_do_not_land_are_named_and_have_no_scores(scenario, laws):
     flights = fly(**scenario.flight("dispersed"), law=laws["no_feedback"], trials=2000, seed=1)
     scores, landed = scenario.scores(flights), flights.outcome == "touchdown"

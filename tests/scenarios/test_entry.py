@@ -9,6 +9,7 @@ import pytest
 from marsedl.fly import Below, Samples, fly
 from marsedl.fly.own_air import OwnAir
 from marsedl.models import random_field
+from marsedl.models.heating import sutton_graves_heat_rate
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, montecarlo
 from marsedl.papers.stochastic_entry.records import ALTITUDE, DOWNRANGE
@@ -17,6 +18,7 @@ from marsedl.scenarios import arena, load
 from marsedl.scenarios.entry import truth
 from marsedl.scenarios.entry.guidance import Guided, guide, sensed_of
 from marsedl.scenarios.entry.onboard import entry_of, start_of
+from marsedl.scenarios.entry.scenario import SUTTON_GRAVES
 
 ROOT = Path(__file__).parents[2]
 
@@ -127,6 +129,38 @@ def test_a_trial_is_the_same_alone_and_in_a_chunk(scenario):
     alone = arena.flown(scenario, law, "dispersed", 3, 5, 1, compiled=False)
     assert np.array_equal(together.values[:, 1:2], alone.values, equal_nan=True)
     assert together.digest() != alone.digest()
+
+
+@pytest.mark.parametrize("condition", ["exact", "dispersed"])
+def test_what_is_counted_is_what_histories_show(scenario, condition):
+    options = scenario.flight(condition)
+    law, step = scenario.law("apollo"), options["period"] / options["substeps"]
+    flights = fly(**options, law=law, history=step, trials=1, seed=3, compiled=False)
+    stored, scores = flights.to_xarray(), scenario.scores(flights)
+    names = ("density", "velocity", "commanded_bank", "altitude")
+    density, velocity, command, altitude = (stored[f"{name}_history"].values[:, 0] for name in names)
+    flown, time = np.isfinite(altitude), stored["time"].values
+    time = np.where(flown, np.minimum(time, scores["end_time"][0]), np.nan)[flown]
+    nose = 0.25 * scenario.given.vehicle.reference_diameter
+    heat = sutton_graves_heat_rate(density, velocity, nose, SUTTON_GRAVES)[flown]
+    held = command[flown][:-1]  # the end has none of its own
+    assert scores["peak_heat"][0] == pytest.approx(heat.max())
+    assert scores["heat_load"][0] == pytest.approx(np.trapezoid(heat, time))
+    assert scores["reversals"][0] == (held[1:] * held[:-1] < 0.0).sum() > 0
+    assert scores["bank_moved"][0] == pytest.approx(np.abs(np.diff(held)).sum())
+
+
+def test_the_box_counts_what_a_trigger_leaves_open(scenario):
+    """At the nominal's range the miss is across alone, and altitude and velocity are off; `of_box` holds them all."""
+    law, box = scenario.law("no_feedback"), scenario.given.box
+    one = arena.flown(scenario, law, "dispersed_range", 3, 0, 8, compiled=False)
+    shares = one["miss"] / box.largest_miss, one["altitude_error"] / box.altitude_half_width
+    shares = np.abs([*shares, one["velocity_error"] / box.velocity_half_width])
+    ended = one.outcome == "parachute"  # those that fall short never come there
+    assert 0 < ended.sum() < ended.size
+    assert np.array_equal(one["of_box"], shares.max(axis=0), equal_nan=True)
+    assert np.abs(one["downrange_miss"][ended]).max() < 1e-3 < np.ptp(one["altitude_error"][ended])
+    assert np.array_equal(one["inside"] > 0.5, one["of_box"] <= 1.0)
 
 
 def test_laws_are_told_no_truth(scenario):

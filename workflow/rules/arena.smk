@@ -11,6 +11,7 @@ rule arena_tuned:
     input:
         configuration=source("configs/scenarios/{scenario}.yaml"),
         paper=lambda wildcards: source(f"configs/{ARENAS[wildcards.scenario].paper}.yaml"),
+        files=files_of("figures/arena/{scenario}/ranks.csv"),  # among them the sealed table
         rerun=if_stale("report/arena/{scenario}.tuned.json"),
     output:
         "report/arena/{scenario}.tuned.json",
@@ -22,6 +23,7 @@ rule arena_tuned:
         "../envs/marsedl.yaml"
     params:
         given=params_of("report/arena/{scenario}.tuned.json"),
+        world=lambda wildcards: job_of("report/arena/{scenario}.flights", wildcards).params["world"],
         project=in_project("."),
     script:
         "../scripts/arena_tuned.py"

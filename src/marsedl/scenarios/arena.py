@@ -1,6 +1,7 @@
 """The arena: laws flown in the same trials of a scenario, tuned with equal budgets, and compared."""
 
 import hashlib
+import json
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -8,10 +9,11 @@ import numpy as np
 
 from marsedl.fly.flights import Flights
 from marsedl.replication.errors import MarsedlError
-from marsedl.scenarios.ranking import Estimate, paired, places, summary_of
+from marsedl.scenarios import costs
+from marsedl.scenarios.ranking import Estimate, paired, percentile, places, summary_of
 from marsedl.scenarios.scenario import POOLS, Resident, Scenario
 
-__all__ = ["Scores", "flown", "joined", "pairs", "table", "tuned"]
+__all__ = ["Scores", "flown", "joined", "pairs", "table", "tuned", "tuned_again"]
 
 BOTH = ("mean", "inside")  # by what laws have places
 TUNING_FLIGHTS = 4_000  # of one law
@@ -71,6 +73,8 @@ class Try(NamedTuple):
     numbers: dict[str, float]  # none: the law as its authors give it
     mean: float  # miss, m, with that of lost trials; NaN: it could not be designed
     saturated: float  # guidance periods with a limit in action, on average
+    command: float = np.nan  # operations of a command, of the best try; see `costs`
+    design: str = ""  # what its design solves and flies
 
 
 def tuned(
@@ -79,7 +83,8 @@ def tuned(
     """Try a law with as many sets of numbers as every law has, the same flights for each; the best one is the first.
 
     The first try is the law as its authors give it; the others are points of a Sobol sequence between the bounds, on a
-    logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box.
+    logarithmic scale. Flights are those of the pool for tuning. One that is lost misses by `LOST` times the box. What
+    the best one costs is counted.
     flights: of one law. most: tries.
     """
     from scipy.stats import qmc
@@ -100,16 +105,38 @@ def tuned(
         misses = np.where(np.isfinite(scores["miss"]), scores["miss"], LOST * scenario.largest_miss)
         known = scores["saturated"][np.isfinite(scores["saturated"])]
         found.append(Try(numbers, float(misses.mean()), float(known.mean()) if known.size else np.nan))
-    return sorted(found, key=lambda one: (np.isnan(one.mean), one.mean))
+    found.sort(key=lambda one: (np.isnan(one.mean), one.mean))
+    if not np.isnan(found[0].mean):
+        laws = []
+        work = costs.design_of(lambda: laws.append(resident.design(scenario.onboard, **found[0].numbers)))
+        operations = costs.command_of(scenario.campaign(laws[0], condition, POOLS["tuning"]))
+        found[0] = found[0]._replace(command=operations, design=work)
+    return found
 
 
-def table(scores: Mapping[str, Scores], confidence=0.95):
+def tuned_again(scenario: Scenario, known: Mapping[str, list[dict]]) -> str:
+    """Tune one law once more, drawn by what is known of the tries of all laws; returns its name.
+
+    Raises MarsedlError if its tries are not the same to the last bit.
+    """
+    drawn = [*known][int(shortened(json.dumps(known).encode()), 16) % len(known)]
+    again = [one._asdict() for one in tuned(scenario, scenario.residents[drawn])]
+    if json.dumps(again) != json.dumps(known[drawn]):
+        raise MarsedlError(
+            f"{scenario.name}: {drawn} is tuned otherwise than in the sealed table of the same code and inputs: do "
+            f"libraries or machine differ?"
+        )
+    return drawn
+
+
+def table(scores: Mapping[str, Scores], confidence=0.95, tails=()):
     """One row a law, those first that end most often inside of the box.
 
-    They hold estimates with their intervals, medians of all else, and trials lost by cause.
+    They hold estimates with their intervals, medians of all else with theirs, and trials lost by cause.
 
     Args:
         scores: by law, all of the same trials. confidence: of each interval, and of all pairs at once.
+        tails: names of what else the 99th percentile is told of.
 
     Returns:
         Data frame: law, best and worst place that intervals leave open (by the mean miss, and in the box), an
@@ -126,13 +153,21 @@ def table(scores: Mapping[str, Scores], confidence=0.95):
         for name, found in (("", by_miss), ("_in_box", in_box)):
             row |= {f"best_place{name}": found[law][0], f"worst_place{name}": found[law][1]}
         for name, estimate in summary_of(counted, one["inside"] > 0.5, confidence).items():
-            row |= {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
+            row |= columns_of(name, estimate)
         others = [name for name in one.names if name not in ("miss", "inside")]
-        row |= {f"median_{name}": float(np.nanmedian(one[name])) if counted.size else np.nan for name in others}
+        for name in others:
+            known = one[name][np.isfinite(one[name])]
+            for prefix, level in (("median", 0.5), ("p99", 0.99))[: 1 + (name in tails)]:
+                row |= columns_of(f"{prefix}_{name}", percentile(known, level, confidence))
         kinds, counts = np.unique(one.outcome[~np.isfinite(one["miss"])], return_counts=True)
         row["lost"] = "; ".join(f"{count} {kind}" for kind, count in zip(kinds, counts, strict=True))
         rows.append(row)
     return pd.DataFrame(rows).sort_values(["inside", "mean"], ascending=[False, True], ignore_index=True)
+
+
+def columns_of(name: str, estimate: Estimate) -> dict[str, float]:
+    """The number and its interval by the names of their columns."""
+    return {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
 
 
 def pairs_of(scores: Mapping[str, Scores], confidence=0.95):
@@ -150,7 +185,7 @@ def pairs(scores: Mapping[str, Scores], confidence=0.95):
         row = {"first": pair.first, "second": pair.second, "correlation": pair.correlation}
         for name in ("mean", "inside"):
             estimate: Estimate = getattr(pair, name)
-            row |= {name: estimate.value, f"{name}_lower": estimate.lower, f"{name}_upper": estimate.upper}
+            row |= columns_of(name, estimate)
         low, high = pair.mean.lower, pair.mean.upper
         row["misses_less"] = pair.first if high < 0.0 else pair.second if low > 0.0 else "tie"
         rows.append(row)

@@ -5,7 +5,7 @@ import numpy as np
 from marsedl.plotting.curves import legend_below
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
-__all__ = ["colors", "footprint", "fronts", "grid", "ranks", "sources", "words"]
+__all__ = ["banded", "colors", "footprint", "fronts", "grid", "ranks", "sources", "words"]
 
 _COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, "#882255", "#117733")
 _MARKS = "os^Dv<>P*X"
@@ -68,6 +68,24 @@ def footprint(shown, across, along, radius, unit="km", factor=1e3, condition="di
     figure.supxlabel(f"{across[1]} ({unit})", fontsize=9)
     figure.supylabel(f"{along[1]} ({unit})", fontsize=9)
     return figure
+
+
+def banded(shown, of, over, nodes):
+    """A panel for every law; and what is drawn in each: panel, colour, 5th and 95th percentile of histories at nodes.
+
+    of, over: names of a quantity, and of another one that goes one way. nodes: of this, ascending, (n,).
+    """
+    figure, panels = grid(len(shown.histories))
+    drawn = []
+    for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
+        stored, curves = flights.to_xarray(), []
+        for place, values in zip(*(stored[f"{name}_history"].values.T for name in (over, of)), strict=True):
+            known = np.flatnonzero(np.isfinite(place))
+            known = known[np.argsort(place[known])]
+            curves.append(np.interp(nodes, place[known], values[known]))
+        drawn.append((panel, colors(shown.scores)[law]["color"], *np.quantile(curves, [0.05, 0.95], axis=0)))
+        panel.set_title(words(law), fontsize=8)
+    return figure, drawn
 
 
 def fronts(shown):

@@ -14,7 +14,7 @@ import numpy as np
 from marsedl.montecarlo.statistics import binomial_interval, order_interval
 from marsedl.words import require
 
-__all__ = ["LEVELS", "Estimate", "paired", "places", "summary_of", "tail_mean", "trials_needed"]
+__all__ = ["LEVELS", "Estimate", "paired", "percentile", "places", "summary_of", "tail_mean", "trials_needed"]
 
 LEVELS = (0.5, 0.95, 0.99, 0.999)  # of the misses that a table shows
 TAIL_LEVEL = 0.999  # beyond which the tail mean is taken
@@ -43,12 +43,17 @@ def summary_of(misses, inside, confidence=0.95) -> dict[str, Estimate]:
     misses, inside = np.asarray(misses, float), np.asarray(inside, bool)
     found = {"mean": _mean(misses, confidence)}
     for level in LEVELS:
-        value = float(np.quantile(misses, level)) if misses.size else np.nan
-        found[f"p{100.0 * level:g}"] = Estimate(value, *order_interval(misses, level, confidence))
+        found[f"p{100.0 * level:g}"] = percentile(misses, level, confidence)
     found["tail"] = tail_mean(misses, TAIL_LEVEL, confidence)
     bounds = binomial_interval(int(inside.sum()), inside.size, confidence)
     found["inside"] = Estimate(float(inside.mean()), *map(float, bounds))
     return found
+
+
+def percentile(values, level, confidence=0.95) -> Estimate:
+    """The value that a share of them does not exceed, with its interval between order statistics."""
+    value = float(np.quantile(values, level)) if values.size else np.nan
+    return Estimate(value, *order_interval(values, level, confidence))
 
 
 def _mean(values, confidence) -> Estimate:

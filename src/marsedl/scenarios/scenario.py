@@ -49,6 +49,7 @@ class Scenario(ABC):
     conditions: ClassVar[Mapping[str, Condition]]
     residents: ClassVar[Mapping[str, Resident]]
     columns: ClassVar[Mapping[str, tuple[str, str]]]  # unit and meaning of every number of `scores`
+    tails: ClassVar[tuple[str, ...]]  # columns of which the 99th percentile is told, too: what a law asks of a vehicle
     box: ClassVar[str]  # what `inside` means, in words
     digits: ClassVar[str]  # of a miss in m, as readers see it
     correlated: ClassVar[str]  # what is drawn together, in words
@@ -108,23 +109,21 @@ class Scenario(ABC):
         """Arguments of `marsedl.fly.fly` but for law, trials and seed: what flies in a condition."""
 
     @abstractmethod
-    def told(self, flights) -> tuple[str, dict[str, np.ndarray], np.ndarray]:
-        """The outcome of flights that end as they should; numbers by name; and which flights are within the limits."""
-
-    @abstractmethod
-    def efforts(self, flights) -> dict[str, tuple[np.ndarray, str, str]]:
-        """What histories tell of every flight: values (trials,), unit and meaning by name."""
+    def told(self, flights) -> tuple[str, dict[str, np.ndarray], dict[str, float]]:
+        """The outcome of flights that end as they should; numbers by name; and the limits of those that the box has."""
 
     def scores(self, flights) -> dict[str, np.ndarray]:
         """What is told of every flight, each (trials,), by the names of `columns`.
 
-        Among them are `miss` (m), `inside` (of the box, 1 or 0) and what else the scenario counts; of flights that did
-        not end as they should, all but `inside`, which is 0, are NaN.
+        Among them are `miss` (m), `of_box` (the largest number over its limit in the box), `inside` (of the box, 1 or
+        0) and what else the scenario counts; of flights that did not end as they should, all but `inside`, which is 0,
+        are NaN.
         """
-        outcome, numbers, within = self.told(flights)
+        outcome, numbers, limits = self.told(flights)
+        of_box = np.max([np.abs(numbers[name]) / limit for name, limit in limits.items()], axis=0)
         counted = flights.outcome == outcome
-        scores = {name: np.where(counted, values, np.nan) for name, values in numbers.items()}
-        scores["inside"] = 1.0 * (counted & within)
+        scores = {name: np.where(counted, values, np.nan) for name, values in (numbers | {"of_box": of_box}).items()}
+        scores["inside"] = 1.0 * (counted & (of_box <= 1.0))
         return {name: scores[name] for name in self.columns}
 
     def campaign(self, law, condition: str, seed: int, history: float | None = None) -> Campaign:

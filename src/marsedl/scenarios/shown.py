@@ -23,7 +23,7 @@ from marsedl.scenarios.scenario import POOLS, Scenario
 __all__ = ["TABLES", "Shown", "write"]
 
 STUDIED = 1_000  # trials of the practice pool of which dispersions are told apart
-WITH_HISTORY = 100  # of which histories are kept
+WITH_HISTORY = 100  # of which histories are kept, for pictures
 STUDY = "dispersed"  # condition in which that is
 PREDICTED = "predicted over flown deviation"
 MISSES = ("mean", "p50", "p95", "p99", "p99.9", "tail")
@@ -67,7 +67,9 @@ class Shown:
         if self.is_sealed:
             return self.sealed["ranks"]
         return [
-            {"condition": c} | row for c, of in self.by_condition.items() for row in arena.table(of).to_dict("records")
+            {"condition": c} | row
+            for c, of in self.by_condition.items()
+            for row in arena.table(of, tails=self.scenario.tails).to_dict("records")
         ]
 
     @cached_property
@@ -79,11 +81,6 @@ class Shown:
             {"condition": c} | row for c, of in self.by_condition.items() for row in arena.pairs(of).to_dict("records")
         ]
 
-    def _rows(self, tabulate):
-        """Rows of a table of every condition."""
-        tables = {condition: tabulate(scores) for condition, scores in self.by_condition.items()}
-        return [{"condition": name} | row for name, one in tables.items() for row in one.to_dict("records")]
-
     def law(self, name):
         """A law as it was tuned."""
         return self.scenario.law(name, **self.tuned[name][0]["numbers"])
@@ -93,26 +90,23 @@ class Shown:
         """Laws that are looked into: one with feedback where few trials show no more than that all works."""
         return [*self.scores] if self.trials.size >= BLOCK else [*self.scores][1:2]
 
+    def _practice(self, trials, history=None) -> dict[str, Flights]:
+        """Flights on the practice pool; history: seconds between states, if any are kept."""
+        made = {}
+        for name in self._looked_into:
+            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], history)
+            made[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
+        return made
+
     @cached_property
     def studied(self) -> dict[str, Flights]:
-        """Flights of every law on the practice pool, which may be asked further questions."""
-        trials = min(STUDIED, 4 * self.trials.size)
-        flights = {}
-        for name in self._looked_into:
-            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"])
-            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
-        return flights
+        """Flights of every law, which may be asked further questions."""
+        return self._practice(min(STUDIED, 4 * self.trials.size))
 
     @cached_property
     def histories(self) -> dict[str, Flights]:
         """Flights of every law with a state every two guidance periods."""
-        flights = {}
-        for name in self._looked_into:
-            options = {"period": 1.0} | self.scenario.flight(STUDY)
-            campaign = self.scenario.campaign(self.law(name), STUDY, POOLS["practice"], 2.0 * options["period"])
-            trials = min(WITH_HISTORY, self.trials.size)
-            flights[name] = Flights(campaign, *campaign.fly_all(0, trials, 1, False, True), (1, False, True))
-        return flights
+        return self._practice(min(WITH_HISTORY, self.trials.size), 2.0 * self.scenario.flight(STUDY)["period"])
 
     def blocks(self) -> dict[str, list[str]]:
         """Digests of all bits of each block of trials, by law."""
@@ -156,6 +150,7 @@ class Shown:
             "world": self.world,
             "trials": int(self.trials.size),
             "tuned": {law: tries[0]["numbers"] for law, tries in self.tuned.items()},
+            "tries": self.tuned,
             "blocks": self.blocks(),
             "ranks": self.ranked,
             "pairs": self.paired,
@@ -163,6 +158,12 @@ class Shown:
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def _with_interval(name, unit, digits, meaning):
+    """Columns of a number and of the ends of its interval, which readers see in one cell."""
+    ends = {f"{name}_{end}": Column(unit, digits, f"{end} end of its interval") for end in ("lower", "upper")}
+    return {name: Column(unit, digits, meaning, interval=(*ends,)), **ends}
 
 
 def ranks(shown: Shown):
@@ -179,15 +180,13 @@ def ranks(shown: Shown):
         "worst_place_in_box": Column(meaning="by the share in the box: the worst one"),
     }
     for name in MISSES:
-        columns[name] = Column("m", digits, WORDS[name], interval=(f"{name}_lower", f"{name}_upper"))
-        columns |= {f"{name}_{end}": Column("m", digits, f"{end} end of its interval") for end in ("lower", "upper")}
-    columns["inside"] = Column(
-        "", ".4f", f"share inside of the box: {shown.scenario.box}", interval=("inside_lower", "inside_upper")
-    )
-    columns |= {f"inside_{end}": Column("", ".4f", f"{end} end of its interval") for end in ("lower", "upper")}
+        columns |= _with_interval(name, "m", digits, WORDS[name])
+    columns |= _with_interval("inside", "", ".4f", f"share inside of the box: {shown.scenario.box}")
     for name, (unit, meaning) in shown.scenario.columns.items():
         if name not in ("miss", "inside"):
-            columns[f"median_{name}"] = Column("" if unit == "1" else unit, ".4g", f"median: {meaning}")
+            columns |= _with_interval(f"median_{name}", unit, ".4g", f"median: {meaning}")
+        if name in shown.scenario.tails:
+            columns |= _with_interval(f"p99_{name}", unit, ".4g", f"exceeded by 1 %: {meaning}")
     columns["lost"] = Column(meaning="flights that did not end as they should, by how they ended")
     tiers = {name: one.tier for name, one in shown.scenario.conditions.items()}
     rows = [{"tier": tiers[row["condition"]], **row} for row in shown.ranked]
@@ -199,12 +198,15 @@ def laws(shown: Shown):
     rows = []
     for name, one in shown.scenario.residents.items():
         bounds = [f"{number} from {low:g} to {high:g}" for number, (low, high) in one.tuned.items()]
-        rows.append((name, one.words, one.differs, ", ".join(bounds)))
+        best = shown.tuned[name][0]
+        rows.append((name, one.words, one.differs, ", ".join(bounds), best["design"], best["command"]))
     columns = {
         "law": Column(),
         "what it is": Column(),
         "differs": Column(meaning="what of limits, partition, linear model or lateral logic is not that of the others"),
         "tuned": Column(meaning="numbers that are tuned, between which bounds"),
+        "design": Column(meaning="what it solves and flies, beyond what all laws share: nominal flight, linear model"),
+        "command": Column("", ".0f", "operations of a command, and of the actuators that take it"),
     }
     return table(rows, columns)
 
@@ -212,10 +214,8 @@ def laws(shown: Shown):
 def pairs(shown: Shown):
     """Differences of two laws in the same trials."""
     columns = {"condition": Column(), "first": Column(), "second": Column()}
-    for name, unit, digits in (("mean", "m", shown.scenario.digits), ("inside", "", ".4f")):
-        what = "difference of the mean misses" if name == "mean" else "difference of the shares inside of the box"
-        columns[name] = Column(unit, digits, what, interval=(f"{name}_lower", f"{name}_upper"))
-        columns |= {f"{name}_{end}": Column(unit, digits, f"{end} end of its interval") for end in ("lower", "upper")}
+    columns |= _with_interval("mean", "m", shown.scenario.digits, "difference of the mean misses")
+    columns |= _with_interval("inside", "", ".4f", "difference of the shares inside of the box")
     columns["correlation"] = Column("", ".2f", "of the misses of both laws over the trials")
     columns["misses_less"] = Column(meaning="which law misses less on average")
     return table([[row[name] for name in columns] for row in shown.paired], columns)
@@ -275,23 +275,16 @@ def explained(shown: Shown):
 
 
 def efforts(shown: Shown):
-    """What flights cost, from histories."""
+    """What flights ask of the vehicle."""
     rows = []
-    for law, flights in shown.histories.items():
-        for name, (values, unit, meaning) in shown.scenario.efforts(flights).items():
-            counted = values[np.isfinite(values)]
-            words = f"{meaning} ({unit})" if unit else meaning
-            rows.append((law, name, words, *np.quantile(counted, [0.5, 0.99]), counted.max(), counted.size))
-    columns = {
-        "law": Column(),
-        "number": Column(),
-        "what": Column(meaning="what it is, with its unit"),
-        "median": Column("", ".4g"),
-        "p99": Column("", ".4g", "exceeded by 1 %"),
-        "largest": Column("", ".4g"),
-        "trials": Column(),
-    }
-    return table(rows, columns)
+    for row in (row for row in shown.ranked if row["condition"] == STUDY):
+        for name in shown.scenario.tails:
+            unit, meaning = shown.scenario.columns[name]
+            of = [row[f"{which}_{name}{end}"] for which in ("median", "p99") for end in ("", "_lower", "_upper")]
+            rows.append((row["law"], name, f"{meaning} ({unit})" if unit != "1" else meaning, *of, row["trials"]))
+    columns = {"law": Column(), "number": Column(), "what": Column(meaning="what it is, with its unit")}
+    columns |= _with_interval("median", "", ".4g", "") | _with_interval("p99", "", ".4g", "exceeded by 1 %")
+    return table(rows, columns | {"trials": Column()})
 
 
 def needed(shown: Shown):

@@ -3,6 +3,7 @@
 The plane is a special case: what starts in it and meets no forces across stays in it.
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from marsedl.montecarlo.flights import Flight
 
 __all__ = ["FLIGHT", "Forces", "Parameters", "State", "Thrust", "Vehicle", "magnitude", "rates"]
 
+LOW = 10.0  # m, below which it does not matter from which side the lander comes
 SMALLEST_SQUARED_THRUST = 1e-300  # keeps a direction's derivative finite at zero thrust
 
 
@@ -27,19 +29,8 @@ class State(NamedTuple):
     mass: float  # kg, as it is known on board
 
 
-class Gusty(NamedTuple):
-    """State and gusts, in N."""
-
-    downrange: float
-    crossrange: float
-    altitude: float
-    downrange_velocity: float
-    crossrange_velocity: float
-    vertical_velocity: float
-    mass: float
-    gust_downrange: float
-    gust_crossrange: float
-    gust_vertical: float
+GUSTS = ("gust_downrange", "gust_crossrange", "gust_vertical")
+Gusty = namedtuple("Gusty", (*State._fields, *GUSTS))  # state, and gusts in N
 
 
 class Thrust(NamedTuple):
@@ -58,15 +49,7 @@ class Forces(NamedTuple):
     vertical: float
 
 
-class Disturbances(NamedTuple):
-    """White noise of thrust and gusts."""
-
-    downrange: float
-    crossrange: float
-    vertical: float
-    gust_downrange: float
-    gust_crossrange: float
-    gust_vertical: float
+Disturbances = namedtuple("Disturbances", (*Forces._fields, *GUSTS))  # white noise of thrust and gusts
 
 
 class Parameters(NamedTuple):
@@ -79,6 +62,8 @@ class Parameters(NamedTuple):
     across: float = 1.0  # of noise and gusts, over those downrange
     gust: float = 0.0  # standard deviation, N
     gust_time: float = 1.0  # s
+    target_downrange: float = 0.0  # m
+    target_crossrange: float = 0.0
 
 
 class Vehicle(NamedTuple):
@@ -91,9 +76,11 @@ class Vehicle(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What is counted in a flight."""
+    """What is told of a whole flight."""
 
     saturated: float = 0.0  # cycles whose command is beyond the limits of the thrust
+    largest_command: float = 0.0  # thrust, N
+    widest: float = 0.0  # square of the tangent of the largest angle from the vertical above the target, when above LOW
 
 
 def magnitude(command):
@@ -138,18 +125,12 @@ def gusty_rates(state, command: Thrust, noise, vehicle, p) -> Gusty:
     )
     moved = motion(state, command, force, vehicle, p)
     decay, fresh = 1.0 / p.gust_time, p.gust * np.sqrt(2.0 / p.gust_time)
-    return Gusty(
-        moved.downrange,
-        moved.crossrange,
-        moved.altitude,
-        moved.downrange_velocity,
-        moved.crossrange_velocity,
-        moved.vertical_velocity,
-        moved.mass,
+    gusts = (
         fresh * noise.gust_downrange - decay * state.gust_downrange,
         fresh * p.across * noise.gust_crossrange - decay * state.gust_crossrange,
         fresh * noise.gust_vertical - decay * state.gust_vertical,
     )
+    return Gusty(*(moved[:] + gusts))
 
 
 def sense(state) -> State:
@@ -165,11 +146,18 @@ def sense(state) -> State:
     )
 
 
-def watch(watched, command, vehicle) -> Watched:
-    """Count commands beyond the limits."""
+def watch(watched, state, command, vehicle, p) -> Watched:
+    """Count commands beyond the limits; largest command; and how flat the lander is seen from the target."""
     wanted = magnitude(command)
     beyond = wanted < vehicle.smallest_thrust or wanted > vehicle.largest_thrust
-    return Watched(watched.saturated + (1.0 if beyond else 0.0))
+    ahead, right = state.downrange - p.target_downrange, state.crossrange - p.target_crossrange
+    high = state.altitude if state.altitude > LOW else LOW
+    widest = (ahead * ahead + right * right) / (high * high) if state.altitude > LOW else 0.0
+    return Watched(
+        watched.saturated + (1.0 if beyond else 0.0),
+        wanted if wanted > watched.largest_command else watched.largest_command,
+        widest if widest > watched.widest else watched.widest,
+    )
 
 
 FLIGHT = Flight(gusty_rates, noise=Disturbances, sense=sense, watch=watch, watch_steps=False)

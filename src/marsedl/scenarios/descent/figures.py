@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLACK
 from marsedl.scenarios import figures
-from marsedl.scenarios.figures import colors, grid, words
+from marsedl.scenarios.figures import banded, colors, grid, words
 
 __all__ = ["FIGURES"]
 
@@ -35,20 +35,12 @@ def speeds(shown, condition="dispersed"):
 
 def corridor(shown):
     """Altitude against downrange with bands."""
-    figure, panels = grid(len(shown.histories))
     _, states = shown.scenario.onboard.reference
     altitude = np.linspace(2.0, states[0, 2] - 5.0, 80)
-    for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
-        stored, curves = flights.to_xarray(), []
-        for trial in range(flights.trials):
-            high, far = stored["altitude_history"].values[:, trial], stored["downrange_history"].values[:, trial]
-            known = np.isfinite(high)
-            rising = np.argsort(high[known])
-            curves.append(np.interp(altitude, high[known][rising], far[known][rising]))
-        low, up = np.quantile(curves, [0.05, 0.95], axis=0)
-        panel.fill_betweenx(altitude, low, up, color=colors(shown.scores)[law]["color"], alpha=0.35, linewidth=0.0)
+    figure, drawn = banded(shown, "downrange", "altitude", altitude)
+    for panel, color, low, high in drawn:
+        panel.fill_betweenx(altitude, low, high, color=color, alpha=0.35, linewidth=0.0)
         panel.plot(states[:, 0], states[:, 2], color=BLACK, linewidth=0.8)
-        panel.set_title(words(law), fontsize=8)
     figure.supxlabel("downrange (m)", fontsize=9)
     figure.supylabel("altitude (m)", fontsize=9)
     return figure

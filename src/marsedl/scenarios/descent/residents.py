@@ -4,6 +4,7 @@ All hold their commands over the same cycle, aim at the paper's final state at i
 from then on in the same way. Laws that divide by the time to go take the same least one.
 """
 
+from collections import namedtuple
 from functools import partial
 from typing import NamedTuple
 
@@ -111,27 +112,10 @@ def _over_the_slope(onboard):
     return over_the_slope
 
 
-class Planar(NamedTuple):
-    """State in the plane."""
-
-    downrange: float  # m
-    altitude: float
-    downrange_velocity: float  # m/s
-    vertical_velocity: float
-
-
-class PlanarThrust(NamedTuple):
-    """N."""
-
-    thrust_downrange: float
-    thrust_vertical: float
-
-
-class PlanarForces(NamedTuple):
-    """White noise."""
-
-    downrange: float
-    vertical: float
+# State (m and m/s), command (N) and white noise in the plane.
+Planar = namedtuple("Planar", [State._fields[place] for place in PLANE])
+PlanarThrust = namedtuple("PlanarThrust", ("thrust_downrange", "thrust_vertical"))
+PlanarForces = namedtuple("PlanarForces", ("downrange", "vertical"))
 
 
 class Held(NamedTuple):

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from marsedl.elementary import arctangent
 from marsedl.fly import Below, Error, Model, MultivariateNormal, Normal, Senses
 from marsedl.fly.actuators import Actuator
 from marsedl.scenarios.descent.dynamics import FLIGHT, Thrust, Vehicle
@@ -28,6 +29,8 @@ QUANTITIES = {
     **{f"thrust_{name}": ("N", f"thrust, {name}") for name in ("downrange", "crossrange", "vertical")},
     **{f"gust_{name}": ("N", f"force of gusts, {name}") for name in ("downrange", "crossrange", "vertical")},
     "saturated": ("1", "guidance cycles whose command is beyond the limits of the thrust"),
+    "largest_command": ("N", "largest thrust that was commanded"),
+    "widest": ("1", "square of the tangent of the largest angle from the vertical above the target"),
 }
 NO_ERRORS = {
     **dict.fromkeys(("truth.gust_deviation", "truth.thrust_deviation", "truth.mass_deviation"), 0.0),
@@ -39,10 +42,7 @@ NO_ERRORS = {
 class DescentScenario(Scenario):
     """Powered descent to the ground."""
 
-    name = "descent"
-    paper = "powered_descent"
-    model = Inputs
-    residents = RESIDENTS
+    name, paper, model, residents = "descent", "powered_descent", Inputs, RESIDENTS
     conditions: ClassVar = {
         "exact": Condition("exact", "start and thrust noise alone; laws know the state", NO_ERRORS),
         "dispersed": Condition("dispersed", "all dispersions"),
@@ -64,9 +64,16 @@ class DescentScenario(Scenario):
         "tilt": ("rad", "angle of the thrust from the vertical at touchdown"),
         "propellant": ("kg", "propellant used"),
         "saturated": ("1", "guidance cycles whose command was beyond the limits of the thrust"),
+        "largest_command": ("N", "largest thrust that was commanded, before its limits"),
+        "widest_angle": ("rad", "largest angle from the vertical above the target, as long as it is ten metres high"),
         "end_time": ("s", "time of the touchdown"),
+        "of_box": ("1", "largest of miss, both speeds and tilt, each over its limit in the box"),
         "inside": ("1", "whether it landed within the box, slowly and upright"),
     }
+    tails = (
+        *("of_box", "vertical_speed", "horizontal_speed", "tilt", "propellant", "saturated"),
+        *("largest_command", "widest_angle"),
+    )
     digits, correlated, budgeted = (
         ".2f",
         "position and velocity at the start",
@@ -93,6 +100,8 @@ class DescentScenario(Scenario):
             across=truth.across,
             gust=truth.gust_deviation,
             gust_time=truth.gust_time,
+            target_downrange=float(onboard.goal[0]),
+            target_crossrange=float(onboard.goal[1]),
         )
         vehicle = Vehicle(
             smallest_thrust=lander.smallest_thrust,
@@ -119,40 +128,32 @@ class DescentScenario(Scenario):
         }
 
     def told(self, flights):
-        """Numbers at touchdown, and what is slow, upright and near the target."""
+        """Numbers at touchdown, and the box: slow, upright and near the target."""
         final, box, onboard = flights.final, self.given.box, self.onboard
         named = {
             "downrange_miss": final["downrange"] - onboard.goal[0],
             "crossrange_miss": final["crossrange"] - onboard.goal[1],
             "vertical_speed": -final["vertical_velocity"],
-            "horizontal_speed": np.hypot(final["downrange_velocity"], final["crossrange_velocity"]),
-            "tilt": _tilt(final),
+            "horizontal_speed": _length(final["downrange_velocity"], final["crossrange_velocity"]),
+            "tilt": _angles(_length(*(final[name] for name in Thrust._fields[:2])), final["thrust_vertical"]),
             "propellant": onboard.given.vehicle.wet_mass - final["mass"],
-            "saturated": final["saturated"],
+            **{name: final[name] for name in ("saturated", "largest_command")},
+            "widest_angle": _angles(np.sqrt(final["widest"]), np.ones_like(final["widest"])),
             "end_time": final["end_time"],
         }
-        named["miss"] = np.hypot(named["downrange_miss"], named["crossrange_miss"])
+        named["miss"] = _length(named["downrange_miss"], named["crossrange_miss"])
         limited = ("miss", "vertical_speed", "horizontal_speed", "tilt")
-        return TOUCHDOWN, named, np.all([named[name] <= getattr(box, name) for name in limited], axis=0)
-
-    def efforts(self, flights):
-        """Largest thrust, and the least glide slope above ten metres."""
-        stored = flights.to_xarray()
-        thrust = np.sqrt(
-            sum(stored[f"thrust_{name}_history"].values ** 2 for name in ("downrange", "crossrange", "vertical"))
-        )
-        high, far = stored["altitude_history"].values, stored["downrange_history"].values - self.onboard.goal[0]
-        slope = np.where(high > 10.0, np.degrees(np.arctan2(high, np.abs(far))), np.nan)
-        return {
-            "largest_thrust": (np.nanmax(thrust, axis=0), "N", "largest thrust"),
-            "least_slope": (np.nanmin(slope, axis=0), "deg", "least angle above the target, above ten metres"),
-        }
+        return TOUCHDOWN, named, {name: getattr(box, name) for name in limited}
 
 
-def _tilt(final):
-    """Angle of the thrust from the vertical, rad."""
-    across = np.hypot(final[Thrust._fields[0]], final[Thrust._fields[1]])
-    return np.arctan2(across, final["thrust_vertical"])
+def _length(first, second):
+    """Length of a level vector."""
+    return np.sqrt(first * first + second * second)
+
+
+def _angles(across, up):
+    """Angles from the vertical, rad, with the same bits on every machine."""
+    return np.array([*map(arctangent, across.tolist(), up.tolist())])
 
 
 def _lost(given: Inputs):
@@ -162,7 +163,7 @@ def _lost(given: Inputs):
 
     def failed(p, final):
         down = final["end_time"] < limit
-        speed = np.hypot(final["downrange_velocity"], final["crossrange_velocity"])
+        speed = _length(final["downrange_velocity"], final["crossrange_velocity"])
         return {
             "toppled": down & (speed > box.broken * box.horizontal_speed),
             "crashed": down & (-final["vertical_velocity"] > box.broken * box.vertical_speed),

@@ -2,15 +2,14 @@
 
 import numpy as np
 
+from marsedl.fly.dynamics import STANDARD_GRAVITY
 from marsedl.plotting.curves import legend_below
 from marsedl.plotting.style import BLACK, new_figure
 from marsedl.scenarios import figures
-from marsedl.scenarios.figures import colors, grid, words
+from marsedl.scenarios.figures import banded, colors, words
 
 __all__ = ["FIGURES"]
 
-# Facts of "Final Minutes of Curiosity's Arrival at Mars", NASA, 2012: altitude and velocity of the parachute.
-MSL_PARACHUTE = (10.0, 470.0)  # km, m/s
 FACTORS = {"thin_air": 0.9, "dispersed": 1.0, "thick_air": 1.1, "thicker_air": 1.3}  # of the mean density
 
 
@@ -36,24 +35,51 @@ def density(shown):
 
 def corridor(shown):
     """Altitude against velocity with bands."""
-    figure, panels = grid(len(shown.histories))
     velocity = np.linspace(520.0, 5400.0, 80)
-    nominal = shown.scenario.onboard.nominal
-    for panel, (law, flights) in zip(panels, shown.histories.items(), strict=True):
-        stored = flights.to_xarray()
-        curves = []
-        for trial in range(flights.trials):
-            fast, high = stored["velocity_history"].values[:, trial], stored["altitude_history"].values[:, trial]
-            falling = np.argsort(fast[np.isfinite(fast)])
-            curves.append(np.interp(velocity, fast[np.isfinite(fast)][falling], high[np.isfinite(fast)][falling]))
-        low, high = np.quantile(curves, [0.05, 0.95], axis=0) / 1e3
-        panel.fill_between(velocity, low, high, color=colors(shown.scores)[law]["color"], alpha=0.35, linewidth=0.0)
+    nominal, opens = shown.scenario.onboard.nominal, shown.scenario.given.flown.parachute
+    figure, drawn = banded(shown, "altitude", "velocity", velocity)
+    for panel, color, low, high in drawn:
+        panel.fill_between(velocity, low / 1e3, high / 1e3, color=color, alpha=0.35, linewidth=0.0)
         panel.plot(nominal.velocity, nominal.altitude / 1e3, color=BLACK, linewidth=0.8)
-        panel.plot(MSL_PARACHUTE[1], MSL_PARACHUTE[0], "x", color=BLACK, markersize=6)
+        panel.plot(opens[1], opens[0] / 1e3, "x", color=BLACK, markersize=6)
         panel.set(xlim=(0.0, 5500.0), ylim=(0.0, 60.0))
-        panel.set_title(words(law), fontsize=8)
     figure.supxlabel("velocity (m/s)", fontsize=9)
     figure.supylabel("altitude (km)", fontsize=9)
+    return figure
+
+
+def flown(shown):
+    """What flights of every law have in common with the flown entry of the Mars Science Laboratory."""
+    facts, alignment = shown.scenario.given.flown, shown.scenario.onboard.given.guidance.heading_alignment_velocity
+    known = {
+        "altitude after\na minute (km)": (facts.altitude / 1e3,),
+        "largest\ndeceleration (g)": facts.loads / STANDARD_GRAVITY,
+        "time of the largest\ndeceleration (s)": (facts.load_time,),
+        "reversals before the\nheading alignment": (facts.reversals,),
+    }
+    figure, panels = new_figure(7.2, 0.3 * len(shown.histories) + 1.4, ncols=len(known), sharey=True, squeeze=False)
+    for place, (law, flights) in enumerate(shown.histories.items()):
+        stored = flights.to_xarray()
+        drag, lift, bank, velocity = (
+            stored[f"{name}_history"].values for name in ("drag", "lift", "commanded_bank", "velocity")
+        )
+        load, time = np.sqrt(drag * drag + lift * lift), stored["time"].values
+        turns = (bank[1:] * bank[:-1] < 0.0) & (velocity[1:] > alignment)
+        told = (
+            stored["altitude_history"].values[np.searchsorted(time, 60.0)] / 1e3,
+            np.nanmax(load, axis=0) / STANDARD_GRAVITY,
+            time[np.nanargmax(load, axis=0)],
+            turns.sum(axis=0),
+        )
+        for panel, values in zip(panels.flat, told, strict=True):
+            low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+            bars = [[middle - low], [high - middle]]
+            panel.errorbar(middle, place, xerr=bars, capsize=1.5, markersize=3.5, **colors(shown.scores)[law])
+    for panel, (title, fact) in zip(panels.flat, known.items(), strict=True):
+        panel.axvspan(min(fact), max(fact), color=BLACK, alpha=0.3)
+        panel.set_xlabel(title, fontsize=8)
+    panels[0, 0].set(yticks=range(len(shown.histories)), yticklabels=map(words, shown.histories))
+    panels[0, 0].invert_yaxis()
     return figure
 
 
@@ -62,6 +88,7 @@ FIGURES = {
     "footprint": footprint,
     "density": density,
     "corridor": corridor,
+    "flown": flown,
     "fronts": figures.fronts,
     "sources": figures.sources,
 }

@@ -4,6 +4,7 @@ The functions are those that fly in the stochastic entry guidance, so that a tab
 there.
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 from marsedl.elementary import sine_cosine
@@ -22,17 +23,8 @@ class Guided(NamedTuple):
     table: flight.Law
 
 
-class Memory(NamedTuple):
-    """What is remembered from cycle to cycle; see `flight.Memory`."""
-
-    direction: float = 0.0
-    command: float = 0.0
-    cosine: float = 0.0
-    bank: float = 0.0
-    change: float = 0.0
-    aligning: float = 0.0
-    elapsed: float = 1.0
-    reversals: float = 0.0
+# What is remembered from cycle to cycle; see `flight.Memory`.
+Memory = namedtuple("Memory", flight.Memory._fields, defaults=(0.0, *flight.Memory._field_defaults.values()))
 
 
 def sensed_of(nav, settings) -> flight.Sensed:

@@ -4,9 +4,9 @@ from typing import Literal
 
 from marsedl.papers.stochastic_entry import inputs
 from marsedl.papers.stochastic_entry.inputs import Substeps
-from marsedl.replication.inputs.sections import NonNegative, Number, Positive, Section, given
+from marsedl.replication.inputs.sections import NonNegative, Number, Positive, Section, given, vector
 
-__all__ = ["Box", "Inputs", "Navigation", "Truth"]
+__all__ = ["Box", "Flown", "Inputs", "Navigation", "Truth"]
 
 
 class Truth(Section):
@@ -50,9 +50,20 @@ class Box(Section):
     velocity_half_width: Positive = given("m/s", "largest difference of the velocity")
 
 
+class Flown(Section):
+    """What is known of the entry of the Mars Science Laboratory on 6 August 2012, with which flights are compared."""
+
+    altitude: Positive = given("m", "a minute after the entry interface")
+    loads: vector(2) = given("m/s^2", "least and largest of what was told of the largest deceleration")
+    load_time: Positive = given("s", "time of the largest deceleration after the entry interface")
+    reversals: NonNegative = given("1", "of the bank angle, before the heading alignment")
+    parachute: vector(2) = given("SI", "altitude, m, and velocity, m/s, at which the parachute was expected to open")
+
+
 class Inputs(inputs.Inputs):
     """All inputs of the scenario."""
 
     truth: Truth
     navigation: Navigation
     box: Box
+    flown: Flown

@@ -5,11 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from marsedl.models.heating import sutton_graves_heat_rate
 from marsedl.scenarios.entry import truth
 from marsedl.scenarios.entry.inputs import Inputs
 from marsedl.scenarios.entry.onboard import Onboard, entry_of
 from marsedl.scenarios.entry.residents import RESIDENTS
+from marsedl.scenarios.entry.watched import watching
 from marsedl.scenarios.scenario import Condition, Scenario
 
 __all__ = ["SCENARIO", "EntryScenario"]
@@ -34,6 +34,7 @@ class EntryScenario(Scenario):
 
     name, paper, model, residents = "entry", "stochastic_entry", Inputs, RESIDENTS
     box = "at most 2.5 km from the nominal end, within 2 km of its altitude and 50 m/s of its velocity"
+    tails = ("of_box", "max_load", "saturated", "reversals", "bank_moved", "peak_heat", "heat_load")
     digits, correlated, budgeted = ".0f", "lift and drag coefficients", ("range", "crossrange")
     conditions: ClassVar = {
         "exact": Condition("exact", "start and density dispersed, and both known", _EXACT),
@@ -41,7 +42,7 @@ class EntryScenario(Scenario):
         "dispersed_time": Condition("dispersed", "all errors; ends at a time", {"truth.trigger": "time"}),
         "dispersed_range": Condition(
             "dispersed",
-            "all errors; ends at a range, so that the miss is across alone: compare the box",
+            "all errors; ends at a range: the miss is across alone, and who falls short is lost, so compare the box",
             {"truth.trigger": "range"},
         ),
         "random_field": Condition(
@@ -66,6 +67,11 @@ class EntryScenario(Scenario):
         "end_time": ("s", "time at the end"),
         "max_load": ("m/s^2", "largest aerodynamic load"),
         "saturated": ("1", "guidance periods in which the limits kept the bank angle from its command"),
+        "reversals": ("1", "changes of sign of the commanded bank angle"),
+        "bank_moved": ("rad", "way of the commanded bank angle"),
+        "peak_heat": ("W/m^2", "largest heat rate, of a nose whose radius is a quarter of the diameter"),
+        "heat_load": ("J/m^2", "heat of this nose over the flight"),
+        "of_box": ("1", "largest of miss, altitude and velocity error, each over its limit in the box"),
         "inside": ("1", "whether it ended inside of the box"),
     }
 
@@ -92,7 +98,7 @@ class EntryScenario(Scenario):
             **truth.vehicle_errors(given),
         )
         return {
-            "flies": flies,
+            "flies": watching(flies.model()),
             "start": truth.start_of(given),
             "together": truth.together_of(given),
             "senses": truth.senses_of(given),
@@ -103,7 +109,7 @@ class EntryScenario(Scenario):
         }
 
     def told(self, flights):
-        """Numbers at the end, and what is inside of the box."""
+        """Numbers at the end, and the box about that of the nominal."""
         final, end, box = flights.final, self.onboard.end, self.given.box
         named = {
             "downrange_miss": final["range"] - end["range"],
@@ -115,25 +121,15 @@ class EntryScenario(Scenario):
             "saturated": final["saturated_bank"],
         }
         named["miss"] = np.sqrt(named["downrange_miss"] ** 2 + named["crossrange_miss"] ** 2)
-        inside = (named["miss"] <= box.largest_miss) & (np.abs(named["altitude_error"]) <= box.altitude_half_width)
-        inside &= np.abs(named["velocity_error"]) <= box.velocity_half_width
-        return "parachute", named, inside
-
-    def efforts(self, flights):
-        """Bank reversals, the way of the bank angle, and the heat of the nose by the law of Sutton and Graves."""
-        stored = flights.to_xarray()
-        bank, density, velocity = (stored[f"{name}_history"].values for name in ("bank", "density", "velocity"))
-        heat = sutton_graves_heat_rate(density, velocity, 0.25 * self.given.vehicle.reference_diameter, SUTTON_GRAVES)
-        turned = np.sign(bank[1:]) * np.sign(bank[:-1]) < 0.0
-        return {
-            "reversals": (turned.sum(axis=0), "", "changes of the bank angle's sign"),
-            "bank_moved": (
-                np.rad2deg(np.nansum(np.abs(np.diff(bank, axis=0)), axis=0)),
-                "deg",
-                "way of the bank angle",
-            ),
-            "peak_heat": (np.nanmax(heat, axis=0) / 1e4, "W/cm^2", "heat rate of a nose of a quarter of the diameter"),
+        named |= {name: final[name] for name in ("reversals", "bank_moved")}
+        nose = SUTTON_GRAVES / np.sqrt(0.25 * self.given.vehicle.reference_diameter)
+        named |= {name: nose * final[name] for name in ("peak_heat", "heat_load")}
+        limits = {
+            "miss": box.largest_miss,
+            "altitude_error": box.altitude_half_width,
+            "velocity_error": box.velocity_half_width,
         }
+        return "parachute", named, limits
 
 
 SCENARIO = EntryScenario
