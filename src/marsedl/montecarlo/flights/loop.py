@@ -233,8 +233,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
         bits, moved = lane_array(NORMALS_PER_BLOCK).view(np.uint64), lane_array(MOVED)
-        known, moved_at = lane_array(1), lane_array(1)
-        known[0, 0], moved_at[0, 0] = 0.0, np.nan
+        known, moved_at, judged_at = lane_array(1), lane_array(1), np.nan
+        moved_at[0, 0] = np.nan
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
         block_drawn = np.int64(-1)
         for row in range(DRAWN):
@@ -293,10 +293,14 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                         chosen[0, lane] = flying[0, lane] * is_due[0, lane]
                         due += chosen[0, lane] > 0.0
                     guides_now = due > 0
+            is_known = time == judged_at and not over  # what a step was judged by at its end serves the next one
             if stores or guides_now or over or watch_steps:
-                look_up(half_index, time, state, air, p, found)
-                known[0, 0] = 1.0
-                sense(half_index, time, state, found, command, vehicle, p, sensed)
+                if not is_known:
+                    look_up(half_index, time, state, air, p, found)
+                if not (is_known and judges_sensed):
+                    sense(half_index, time, state, found, command, vehicle, p, sensed)
+                is_known = True
+            known[0, 0] = 1.0 if is_known else 0.0
             if guides_now:
                 if navigates and substep == 0:
                     drawing = (seed, navigation_stream, first_trial, bits, only, first)
@@ -361,10 +365,10 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                     for lane in range(LANES):
                         before[row, lane] = state[row, lane]
             advance(flown, step, state, noise, parameters, work)
-            known[0, 0] = 0.0
             if ends:
                 if judges_found:
-                    look_up(half_index + 2, time + step, state, air, p, found)
+                    judged_at = time + step
+                    look_up(half_index + 2, judged_at, state, air, p, found)
                 if judges_sensed:
                     sense(half_index + 2, time + step, state, found, command, vehicle, p, sensed)
                 ended(time + step, state, found, sensed, vehicle, p, excess)
