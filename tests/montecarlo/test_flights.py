@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from marsedl.montecarlo.flights import Flight, addressed, loop, periods
+from marsedl.montecarlo.flights import Flight, Nothing, addressed, loop, periods
 from marsedl.montecarlo.flights.addressed import words_of
 from marsedl.montecarlo.flights.binding import digest
 from marsedl.montecarlo.flights.columns import (
@@ -459,6 +459,18 @@ def test_navigation_has_the_bits_of_python_alone_among_others_and_after_an_end()
         assert_same(one(flown, trial), CART.fly(p, MINUTE, start, trials=1, first_trial=trial, seed=3))
     other = CART.fly(p, MINUTE, start, trials=trials, seed=3, navigation_stream=9)
     assert (flown.history[0, 1] != other.history[0, 1]).all()
+
+
+def onward(command) -> tuple[Brake, Nothing]:
+    return Brake(0.5 * command.thrust + 1.0), ()
+
+
+def test_guidance_is_told_what_it_commanded_at_last_and_zeros_before():
+    """Thrusts of 1, 1.5 and 1.75 m/s^2, a second each."""
+    flight, schedule = Flight(rolls, guide=onward), periods(3.0, 1.0, 2)
+    flown = flight.fly((), schedule, Cart(0.0, 0.0), trials=LANES + 5)
+    assert (flown.final_state[1] == 4.25).all()
+    assert_same(one(flown, LANES), flight.fly_in_python((), schedule, Cart(0.0, 0.0), trial=LANES))
 
 
 def test_a_flight_with_one_normal_has_the_bits_of_python():

@@ -13,7 +13,7 @@ from marsedl.compiling import inlined
 from marsedl.elementary import clip, exponential
 from marsedl.fly.declared import is_number, resolve
 from marsedl.fly.generated import generated, with_fields
-from marsedl.montecarlo.flights.binding import hints
+from marsedl.montecarlo.flights.binding import Nothing, hints
 from marsedl.words import remedy, require
 
 __all__ = ["Actuator"]
@@ -406,7 +406,7 @@ class _Actuated:
         lines, space = [], {"Leg": Leg, "later": _later, "Command": self.plain}
         for row, kind in enumerate(self.kinds):
             space[f"flown_{row}"] = _flown(kind.accelerated, kind.lags)
-            lines.append(f"now_{kind.name} = flown_{row}({_leg_now('command', kind)}, p.actuators[{row}].lag, time)")
+            lines.append(f"now_{kind.name} = flown_{row}({_leg_now(kind)}, p.actuators[{row}].lag, time)")
         values = (f"now_{name}" if name in self.moved else f"command.commanded_{name}" for name in self.names)
         result = f"Command({', '.join(values)})"
         if self.coordinates:
@@ -428,23 +428,23 @@ class _Actuated:
         """Guidance with the actuators: what is asked once a period, and where a delay ends within one."""
         own, asked = getattr(self.memory, "_fields", ()), [*signature(self.law).parameters]
         late = [f"late_{n}_of_{kind.name}" for kind in self.kinds for n in range(1, kind.periods + kind.within + 1)]
-        remembered = [*(f"law_{name}" for name in own), *self.command._fields, *late]
-        defaults = [*getattr(self.memory, "_field_defaults", {}).values(), *[0.0] * (len(remembered) - len(own))]
-        Memory = namedtuple("Memory", remembered, defaults=defaults)
+        remembered = [*(f"law_{name}" for name in own), *late]
+        defaults = [*getattr(self.memory, "_field_defaults", {}).values(), *[0.0] * len(late)]
+        Memory = namedtuple("Memory", remembered, defaults=defaults) if remembered else Nothing
         space = {"guide": self.law, "LawMemory": self.memory, "Memory": Memory, "only": _only}
         space |= {"Leg": Leg, "later": _later, "Command": self.plain, "Actuated": self.command}
 
         kept = f"LawMemory({', '.join(f'memory.law_{name}' for name in own)})"
         arguments = ", ".join(kept if name == "memory" and own else name for name in asked)
-        asks_law = [f"command, remembered = guide({arguments})"]
-        names = {"command": [f"commanded_{name}" for name in self.names], "remembered": [f"law_{name}" for name in own]}
+        asks_law = [f"new_command, new_memory = guide({arguments})"]
+        names = {"command": [f"commanded_{name}" for name in self.names], "memory": [f"law_{name}" for name in own]}
         for part, members in names.items():
             for row, name in enumerate(members):
-                asks_law.append(f"{name} = 1.0 * {f'only({part})' if len(members) == 1 else f'{part}[{row}]'}")
+                asks_law.append(f"{name} = 1.0 * {f'only(new_{part})' if len(members) == 1 else f'new_{part}[{row}]'}")
         lines = ["begins = share == 0.0", "first = begins and cycle == 0"]
         if self.within:  # the law is not asked where a delayed command arrives
             lines += ["if begins:", *(f"    {line}" for line in asks_law), "else:"]
-            lines += [f"    {name} = memory.{name}" for members in names.values() for name in members]
+            lines += [f"    {name} = {part}.{name}" for part, members in names.items() for name in members]
         else:
             lines += asks_law
 
@@ -457,10 +457,10 @@ class _Actuated:
             space[f"step_{row}"] = _stepper(kind)
             lines += _step(row, kind, wanted[kind.name])
         commanded = ", ".join([*names["command"], *self.command._fields[len(self.names) :]])
-        members = ", ".join([*names["remembered"], commanded, *(f"new_{name}" for name in late)])
-        lines.append(f"return Actuated({commanded}), Memory({members})")
+        members = ", ".join([*names["memory"], *(f"new_{name}" for name in late)])
+        lines.append(f"return Actuated({commanded}), {f'Memory({members})' if remembered else '()'}")
         limits = ["vehicle"] if any(kind.low or kind.high for kind in self.kinds) else []
-        needed = [*asked, "cycle", "share", "time", "memory", "p", *limits]
+        needed = [*asked, "cycle", "share", "time", "command", "memory", "p", *limits]
         return generated(needed, lines, tuple[self.command, Memory], self.law, **space)
 
     def _interrupts(self):
@@ -478,11 +478,11 @@ def _parts(kind):
     return [f"{part}_{n}_of_{kind.name}" for n, parts in enumerate(_held(kind)) for part in parts]
 
 
-def _leg_now(of, kind):
-    """Text: the leg on which an actuator is now, of the numbers that `command` or `memory` holds."""
+def _leg_now(kind):
+    """Text: the leg on which an actuator is now."""
     now = ""
     for n, held in enumerate(_held(kind)):
-        parts = (f"{of}.{part}_{n}_of_{kind.name}" if part in held else "0.0" for part in Leg._fields)
+        parts = (f"command.{part}_{n}_of_{kind.name}" if part in held else "0.0" for part in Leg._fields)
         leg = f"Leg({', '.join(parts)})"
         now = f"later({now}, {leg}, time)" if n else leg
     return now
@@ -500,7 +500,7 @@ def _step(row, kind, wanted):
     low = f"vehicle.{kind.low}" if kind.low else f"{numbers}.low"
     high = f"vehicle.{kind.high}" if kind.high else f"{numbers}.high"
     last = len(_held(kind)) - 1
-    goes = f"{_leg_now('memory', kind)}, memory.settled_{last}_of_{name}, memory.saturated_of_{name}"
+    goes = f"{_leg_now(kind)}, command.settled_{last}_of_{name}, command.saturated_of_{name}"
     told = f"first, {arrives}, time, late_{row}_{length}, {low}, {high}, {goes}, {numbers}"
     lines.append(f"legs_{row}, saturated_of_{name} = step_{row}({told})")
     for n, held in enumerate(_held(kind)):

@@ -11,7 +11,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from marsedl.montecarlo.flights.binding import Nothing, asked, compiled
-from marsedl.montecarlo.flights.columns import borrowed, dresser, reader, types_of
+from marsedl.montecarlo.flights.columns import borrowed, dresser, getter, putter, reader, types_of
 from marsedl.montecarlo.lanes import LANES, inline_called_njit, lane_array
 
 PARTS_TOLD = ("state", "found", "sensed", "nav", "memory", "vehicle")
@@ -83,12 +83,22 @@ def law_of_lanes(flight, kinds, shapes, leaves):
     def absent(*unused):
         pass
 
-    @inline_called_njit
-    def copy(source, target):
-        for row in range(target.shape[0]):
-            for lane in range(LANES):
-                target[row, lane] = source[row, lane]
+    def copier(kind):
+        """Function that copies a lane array of a kind; a plain loop over rows and lanes does not become vector code."""
+        get, put = getter(kind), putter(kind, flight.guides[0])
 
+        @inline_called_njit
+        def copy(source, target):
+            for lane in range(LANES):
+                put(get(source, lane), target, lane, None)
+            return target
+
+        return copy
+
+    copied = (*(kinds[name] for name in (*PARTS_TOLD, "command")), namedtuple("Chosen", ["chosen"]))
+    copy_state, copy_found, copy_sensed, copy_nav, copy_memory, copy_vehicle, copy_command, copy_chosen = map(
+        copier, copied
+    )
     guide, consult = compiled(flight.guides[0], "guide", kinds, masked=True), flight.functions["consult"]
     consult = compiled(consult, "consult", kinds) if consult else absent
     read_law, dress_law = reader(leaves["law"]), dresser(shapes["law"])
@@ -102,22 +112,16 @@ def law_of_lanes(flight, kinds, shapes, leaves):
         half_index, cycle, time, share = told[:4]
         states, founds, senses, navs, memories, vehicles, pasts, commands, choices, law_words, p_words = told[4:]
         law, p, past = dress_law(read_law(law_words)), dress_p(read_p(p_words)), borrowed(pasts)
-        state, found, sensed, nav = lane_array(STATES), lane_array(FOUND), lane_array(SENSED), lane_array(NAV)
-        memory, vehicle, advice = lane_array(MEMORY), lane_array(VEHICLE), lane_array(ADVICE)
-        command, chosen = lane_array(COMMANDS), lane_array(1)
-        copy(states, state)
-        copy(founds, found)
-        copy(senses, sensed)
-        copy(navs, nav)
-        copy(memories, memory)
-        copy(vehicles, vehicle)
-        copy(commands, command)
-        copy(choices, chosen)
+        state, found = copy_state(states, lane_array(STATES)), copy_found(founds, lane_array(FOUND))
+        sensed, nav = copy_sensed(senses, lane_array(SENSED)), copy_nav(navs, lane_array(NAV))
+        memory, vehicle = copy_memory(memories, lane_array(MEMORY)), copy_vehicle(vehicles, lane_array(VEHICLE))
+        command, chosen = copy_command(commands, lane_array(COMMANDS)), copy_chosen(choices, lane_array(1))
+        advice = lane_array(ADVICE)
         consult(cycle, time, sensed, nav, memory, vehicle, law, p, advice)
         scene = (half_index, time, cycle, state, found, share, sensed, nav, advice, memory, past, vehicle, law, p)
         guide(*scene, command, chosen)
-        copy(command, commands)
-        copy(memory, memories)
+        copy_command(command, commands)
+        copy_memory(memory, memories)
 
     return guide_lanes
 

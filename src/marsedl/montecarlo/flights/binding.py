@@ -26,7 +26,7 @@ OFFERED = {
     "navigate": ("cycle", "time", "sensed", "nav", "draws", "vehicle", "p"),
     "consult": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
     "phase": ("cycle", "time", "sensed", "nav", "memory", "vehicle", "law", "p"),
-    "guide": (*_PLACE, "share", "sensed", "nav", "advice", "memory", "past", "vehicle", "law", "p"),
+    "guide": (*_PLACE, "share", "sensed", "nav", "advice", "memory", "past", "vehicle", "law", "p", "command"),
     "ended": ("time", "state", "found", "sensed", "vehicle", "p"),
     "vary": ("node", "normal", "drawn", "p"),
     "store": _SCENE,

@@ -86,12 +86,12 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     def drift(half_index, state, noise, parameters, out):
         time, base, step, before, found, command, vehicle, air, p, known, moved, moved_at = parameters
         now = time + 0.5 * step * (half_index - base)
-        if not known[0]:
+        if known[0, 0] == 0.0:
             look_up(half_index, now, state, air, p, found)
-        known[0] = False  # what was looked up at the start of a step serves its first stage
-        if actuates and moved_at[0] != half_index:  # two stages of a step are in its middle
+        known[0, 0] = 0.0  # what was looked up at the start of a step serves its first stage
+        if actuates and moved_at[0, 0] != now:  # as two stages in the middle of a step, and its end and the next start
             actuate(half_index, now, command, vehicle, p, moved)
-            moved_at[0] = half_index
+            moved_at[0, 0] = now
         rates(half_index, now, before, step, state, found, command, moved, vehicle, noise, p, out)
 
     advance = model.options["integrator"](drift)
@@ -155,7 +155,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
     @named_njit
     def sample_air(seed, stream, first_trial, only, first, table, drawn_after, p):
         """The trials' own air, node by node from the last down, one normal a node."""
-        bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+        bits = lane_array(NORMALS_PER_BLOCK).view(np.uint64)
         normal_numbers, drawn, value = lane_array(NORMALS_PER_BLOCK), lane_array(DRAWN), lane_array(1)
         for row in range(DRAWN):
             for lane in range(LANES):
@@ -175,15 +175,17 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 drawn_after[row, lane] = drawn[row, lane]
 
     @named_njit
-    def draw_for(cycle, seed, stream, first_trial, bits, only, first, block_of_draws, draws):
-        """The normals that navigation gets in a guidance period; `draws` is filled."""
+    def draw_for(cycle, seed, stream, first_trial, bits, only, first, filled, block_of_draws, draws):
+        """The normals that navigation gets in a guidance period; `draws` is filled. Returns the last block of them."""
         for component in range(DRAWS):
             number = cycle * DRAWS + component
-            position = number % NORMALS_PER_BLOCK
-            if position == 0 or component == 0:
-                fill(seed, stream, first_trial, number // NORMALS_PER_BLOCK, bits, only, first, block_of_draws)
+            block, position = number // NORMALS_PER_BLOCK, number % NORMALS_PER_BLOCK
+            if block != filled:
+                fill(seed, stream, first_trial, block, bits, only, first, block_of_draws)
+                filled = block
             for lane in range(LANES):
                 draws[component, lane] = block_of_draws[position, lane]
+        return filled
 
     def steering(number):
         """The compiled guidance of the phases from `number` on; one that no trial needs is not computed."""
@@ -220,7 +222,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         cycle_start, cycle_step, cycle_steps, every, stores_end = pace
         seed, first_trial, increments, first_increment, noise_stream, air_stream, navigation_stream, only = draws
         history, observed, stored_watched, length, stored_final, ended_by = results
-        rows_stored = min(STORED, history.shape[1])
+        only, rows_stored = borrowed(only), min(STORED, history.shape[1])
         state, before, at_end = lane_array(STATES), lane_array(STATES), lane_array(STATES)
         work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
         found, sensed, advice, command = lane_array(FOUND), lane_array(SENSED), lane_array(ADVICE), lane_array(COMMANDS)
@@ -230,9 +232,11 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
-        bits, known = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64), np.zeros(1, np.bool_)
-        moved, moved_at = lane_array(MOVED), np.empty(1, np.int64)
+        bits, moved = lane_array(NORMALS_PER_BLOCK).view(np.uint64), lane_array(MOVED)
+        known, moved_at, judged_at = lane_array(1), lane_array(1), np.nan
+        moved_at[0, 0] = np.nan
         block_of_normals, filled_block, number = lane_array(NORMALS_PER_BLOCK), -1, first_increment * NOISES
+        block_drawn = np.int64(-1)
         for row in range(DRAWN):
             for lane in range(LANES):
                 drawn[row, lane] = 0.0  # stays, if air is given
@@ -289,13 +293,18 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                         chosen[0, lane] = flying[0, lane] * is_due[0, lane]
                         due += chosen[0, lane] > 0.0
                     guides_now = due > 0
+            is_known = time == judged_at and not over  # what a step was judged by at its end serves the next one
             if stores or guides_now or over or watch_steps:
-                look_up(half_index, time, state, air, p, found)
-                known[0] = True
-                sense(half_index, time, state, found, command, vehicle, p, sensed)
+                if not is_known:
+                    look_up(half_index, time, state, air, p, found)
+                if not (is_known and judges_sensed):
+                    sense(half_index, time, state, found, command, vehicle, p, sensed)
+                is_known = True
+            known[0, 0] = 1.0 if is_known else 0.0
             if guides_now:
                 if navigates and substep == 0:
-                    draw_for(cycle, seed, navigation_stream, first_trial, bits, only, first, block_of_draws, drawn_now)
+                    drawing = (seed, navigation_stream, first_trial, bits, only, first)
+                    block_drawn = draw_for(cycle, *drawing, block_drawn, block_of_draws, drawn_now)
                     navigate(cycle, time, sensed, nav, drawn_now, vehicle, p, chosen)
                 consult(cycle, time, sensed, nav, memory, vehicle, law, p, advice)
                 if phases > 1:
@@ -303,6 +312,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 place = (half_index, time, cycle, state, found, substep / cycle_steps[cycle])
                 scene = (*place, sensed, nav, advice, memory, past, vehicle, law, p)
                 steer(scene, command, chosen, in_phase, turns)
+                moved_at[0, 0] = np.nan
                 for lane in range(LANES):
                     guided[0, lane] = 1.0 if chosen[0, lane] > 0.0 else guided[0, lane]
             if watches and (watch_steps or guides_now):
@@ -350,16 +360,15 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                         noise[component, lane] *= scale
 
             parameters = (time, half_index, step, before, found, command, vehicle, air, p, known, moved, moved_at)
-            moved_at[0] = -1
             if ends or looks_back:
                 for row in range(STATES):
                     for lane in range(LANES):
                         before[row, lane] = state[row, lane]
             advance(flown, step, state, noise, parameters, work)
-            known[0] = False
             if ends:
                 if judges_found:
-                    look_up(half_index + 2, time + step, state, air, p, found)
+                    judged_at = time + step
+                    look_up(half_index + 2, judged_at, state, air, p, found)
                 if judges_sensed:
                     sense(half_index + 2, time + step, state, found, command, vehicle, p, sensed)
                 ended(time + step, state, found, sensed, vehicle, p, excess)
