@@ -13,18 +13,18 @@ from marsedl.replication.checks.twice import copy_tree, snakemake
 ROOT = Path(__file__).parents[1]
 # Statements of code: docstrings, blank lines and layout are free.
 STATEMENTS = {
-    "src/marsedl": 30_837,
+    "src/marsedl": 30_849,
     "src/marsedl/papers": 10_364,
     "src/marsedl/methods": 4_144,
     "src/marsedl/models": 652,
     "src/marsedl/design": 916,
-    "src/marsedl/montecarlo": 1_907,  # a law is compiled alone, so that a new one takes a second
-    "src/marsedl/fly": 2_435,
+    "src/marsedl/montecarlo": 1_918,  # a law is compiled alone, so that a new one takes a second
+    "src/marsedl/fly": 2_436,
     # The explorer of universes took the place of 45 statements of papers; what is read of all inputs is followed; all
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_395,
 }
-LINES = 42_841  # of tests
+LINES = 42_850  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,

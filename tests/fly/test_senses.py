@@ -165,6 +165,15 @@ def test_a_law_that_asks_for_the_truth_without_leave_is_refused_with_its_line(la
         dropped(senses, law=law, trials=2, compiled=False)
 
 
+def test_names_of_what_is_told_are_those_of_arguments_alone():
+    def has_its_own(speed):
+        sensed = Push(0.3 * speed)
+        nav = Push(sensed.up)
+        return Push(nav.up)
+
+    assert dropped(law=has_its_own, trials=2, compiled=False).trials == 2
+
+
 def test_by_leave_a_law_is_told_the_truth_and_the_result_says_so():
     for law, name in ((uses_vehicle, "vehicle"), (uses_state, "state")):
         flights = dropped(law=law, truth=True, trials=2, compiled=False)

@@ -134,8 +134,8 @@ def vary(node, normal, drawn, p) -> tuple[float, Walk]:
     return value, Walk(value)
 
 
-def sense(state, found, vehicle) -> Felt:
-    return Felt(abs(state.v), vehicle.drag * found.density * state.v * state.v)
+def sense(time, half_index, state, found, vehicle) -> Felt:
+    return Felt(abs(state.v) + 1e-4 * half_index, vehicle.drag * found.density * state.v * state.v + 1e-3 * time)
 
 
 def navigate(cycle, time, sensed, nav, draws, vehicle, p) -> Known:
@@ -178,8 +178,8 @@ def watch(watched, sensed) -> Fastest:
     return Fastest(max(watched.speed, sensed.speed))
 
 
-def store(time, state, command) -> Row:
-    return Row(state.h, state.v + 0.01 * time, command.thrust)
+def store(half_index, time, cycle, state, command) -> Row:
+    return Row(state.h + 0.01 * half_index, state.v + 0.01 * time, command.thrust + 0.01 * cycle)
 
 
 def observe(sensed, guided) -> Seen:

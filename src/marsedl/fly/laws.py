@@ -202,7 +202,8 @@ def bind(law, flight, nominal, units, truth=False) -> Bound:
             name in offered,
             f"{described(function)} asks for {name!r}, of which it is not told; {remedy(name, offered)}",
         )
-    for of, read in [read[:2] for read in chains(function.__code__, LOCAL) if read[0] in NAMES_OF_TOLD and read[1:]]:
+    told_whole = {*NAMES_OF_TOLD} & {*asked}
+    for of, read in [read[:2] for read in chains(function.__code__, LOCAL) if read[0] in told_whole and read[1:]]:
         require(
             hasattr(told, read),
             f"{described(function)} asks for {of}.{read}, of which it is not told; {remedy(read, told._fields)}",

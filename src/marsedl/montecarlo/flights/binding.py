@@ -163,8 +163,8 @@ def compiled(function, role, kinds, *, masked=False, single=False):
     space["function"]._compiler.pipeline_class = _compiler()
     names, reads = asked(function, role), {"air": "column(air, lane)", "past": "column(past, lane)"}
     reads["guided"] = "guided[0, lane]"
-    if role in ("store", "observe", "finish"):
-        reads["time"] = "time[0, lane]"  # each its own, as flights end at different times
+    if role in ("store", "observe", "finish"):  # each its own, as flights end at different times
+        reads |= {name: f"{name}[0, lane]" for name in ("half_index", "time", "cycle")}
     for name in () if role == "vary" else kinds:
         space[f"get_{name}"], reads[name] = getter(kinds[name]), f"get_{name}({name}, lane)"
     call = f"function({', '.join(reads.get(name, name) for name in names)})"

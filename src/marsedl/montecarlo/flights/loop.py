@@ -115,13 +115,19 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 end[row, lane] = (before[row, lane] if stage == 0 else end[row, lane]) + weight * slope[row, lane]
 
     @named_njit
+    def sense_at(lane, now, half_index, state, found, command, vehicle, air, p, sensed):
+        """What is looked up and sensed in a single lane at a time of its own."""
+        look_up_one(lane, half_index, now, state, air, p, found)
+        sense_one(lane, half_index, now, state, found, command, vehicle, p, sensed)
+
+    @named_njit
     def excess_of(lane, now, half_index, state, found, sensed, parameters, excess):
         """Evaluate `ended` for a single lane, and what it asks for."""
         command, vehicle, air, p = parameters[5:9]
-        if judges_found:
-            look_up_one(lane, half_index, now, state, air, p, found)
         if judges_sensed:
-            sense_one(lane, half_index, now, state, found, command, vehicle, p, sensed)
+            sense_at(lane, now, half_index, state, found, command, vehicle, air, p, sensed)
+        elif judges_found:
+            look_up_one(lane, half_index, now, state, air, p, found)
         ended_one(lane, now, state, found, sensed, vehicle, p, excess)
 
     @named_njit
@@ -232,6 +238,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
         watched, final, stored, seen = lane_array(WATCHED), lane_array(FINAL), lane_array(STORED), lane_array(OBSERVED)
         flying, chosen, guided, in_phase = lane_array(1), lane_array(1), lane_array(1), lane_array(1)
         turns, is_due, excess, end_time = lane_array(1), lane_array(1), lane_array(2), lane_array(1)
+        end_index, end_cycle = np.zeros((1, LANES), np.int64), np.zeros((1, LANES), np.int64)
         bits, moved = lane_array(NORMALS_PER_BLOCK).view(np.uint64), lane_array(MOVED)
         known, moved_at, judged_at = lane_array(1), lane_array(1), np.nan
         moved_at[0, 0] = np.nan
@@ -294,7 +301,15 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                         due += chosen[0, lane] > 0.0
                     guides_now = due > 0
             is_known = time == judged_at and not over  # what a step was judged by at its end serves the next one
-            if stores or guides_now or over or watch_steps:
+            if stores or over:
+                for lane in range(LANES):
+                    if flying[0, lane] > 0.0:
+                        end_time[0, lane], end_index[0, lane], end_cycle[0, lane] = time, half_index, cycle
+            if over:
+                for lane in range(LANES):
+                    now, index = end_time[0, lane], end_index[0, lane]
+                    sense_at(lane, now, index, state, found, command, vehicle, air, p, sensed)
+            elif stores or guides_now or watch_steps:
                 if not is_known:
                     look_up(half_index, time, state, air, p, found)
                 if not (is_known and judges_sensed):
@@ -319,14 +334,12 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                 ending, asked = 1.0 if over else 0.0, flying if watch_steps else chosen
                 seen_by = (half_index, time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
                 watch(watched, ending, *seen_by, asked)
-            if stores or over:
-                for lane in range(LANES):
-                    end_time[0, lane] = time if flying[0, lane] > 0.0 else end_time[0, lane]
             if stores or (over and stores_end):
                 stored_row = history.shape[0] - 1 if over else flown // every
-                seen_by = (half_index, end_time, cycle, state, found, guided, sensed, nav, command, memory, vehicle, p)
-                store(*seen_by, stored)
-                observe(*seen_by, seen)
+                place = (end_index, end_time, end_cycle)
+                seen_by = (state, found, guided, sensed, nav, command, memory, vehicle, p)
+                store(*place, *seen_by, stored)
+                observe(*place, *seen_by, seen)
                 # Row by row: what is written to many rows at once waits for memory. Unsigned: an index that may be
                 # negative makes scattered stores.
                 for row in range(rows_stored):
@@ -336,7 +349,7 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                     for lane in range(LANES):
                         observed[stored_row, row, np.uint64(first) + np.uint64(lane)] = seen[row, lane]
                 for lane in range(LANES):
-                    guided[0, lane] = 0.0
+                    guided[0, lane] = 0.0 if flying[0, lane] > 0.0 else guided[0, lane]
             if over:
                 break
 
@@ -387,7 +400,8 @@ def group_flight(model, key, p_shape, law_shape, kinds, by_address):
                                 part = to_end(lane, parameters, noise, *work[:2], at_end, sensed, excess)
                             if ended_by[first + lane] == NOTHING:
                                 ended_by[first + lane] = np.int8(excess[1, lane])
-                            end_time[0, lane] = time + part
+                            end_time[0, lane], end_index[0, lane] = time + part, half_index + 2
+                            end_cycle[0, lane] = cycle + (substep + 1 == cycle_steps[cycle])
                             length[first + lane] = flown // every + 1
                             flying[0, lane] = 0.0
                             remaining -= 1
