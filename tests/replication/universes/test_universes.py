@@ -22,7 +22,7 @@ from marsedl.replication.pipeline.catalogue import Erratum
 from marsedl.replication.records import store
 from marsedl.replication.universes.deciding import Decided, decided
 from marsedl.replication.universes.designs import AGAIN, Universe, one_at_a_time, redrawn, space_filling
-from marsedl.replication.universes.joint import in_sentences, joint
+from marsedl.replication.universes.joint import _of_waves, in_sentences, joint
 from marsedl.replication.universes.judging import Judge, correlation_ratio, share
 from marsedl.replication.universes.table import (
     Outcome,
@@ -34,7 +34,7 @@ from marsedl.replication.universes.table import (
     numbers_of,
     table_of,
 )
-from marsedl.replication.universes.waves import Matching, emulated, refined
+from marsedl.replication.universes.waves import Matching, Wave, emulated, refined
 
 
 class Toy(Section):
@@ -250,6 +250,12 @@ def test_waves_find_what_contradicts_and_what_can_be_true_at_once():
     assert last.shares["angle"] == [0.0, 1.0]
     best = found.assignment[found.seed == 1][0]
     assert 0.7 < best[0] < 0.9
+
+
+@pytest.mark.parametrize(("volume", "said"), [(1.0, "100 %"), (0.998, "99.8 %"), (3e-4, "0.03 %"), (0.0, "no choices")])
+def test_what_waves_leave_is_said_in_plain_numbers(volume, said):
+    (sentence,) = _of_waves([Wave(1.0, {}, (), 1.0), Wave(volume, {}, (), 1.5)])
+    assert f"by the emulators {said}" in sentence
 
 
 def test_what_is_true_at_once_and_what_never_is(judge):

@@ -143,7 +143,7 @@ def _of_waves(waves: Sequence[Wave]) -> list[str]:
     if len(waves) < 2:
         return []
     last, agreeing = waves[-1], [wave.agreeing for wave in waves]
-    left = f"{100 * last.volume:.2g} % of the choices are not ruled out" if last.volume else "no choices are left"
+    left = f"{100 * last.volume:.3g} % of the choices are not ruled out" if last.volume else "no choices are left"
     better = "more" if max(agreeing[1:]) > agreeing[0] else "no more"
     means = f"{agreeing[0]:.2g} headlines stand on average in the universes that fill the space"
     return [f"by the emulators {left} after {plural(len(waves) - 1, 'wave')}; {means}, {better} in those of the waves"]
