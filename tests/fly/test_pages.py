@@ -15,7 +15,7 @@ import pytest
 import marsedl.fly
 from marsedl.fly import MARS, Entry, Lander, fly, laws
 from marsedl.fly.vehicles import ENTRY_QUANTITIES, LANDER_QUANTITIES
-from pictures import assert_shown
+from pictures import drawn_as_shown
 
 PAGES = Path(__file__).parents[2] / "docs" / "examples"
 
@@ -63,8 +63,8 @@ def test_own_equations_fly_as_their_page_shows():
 
 def test_studies_show_what_their_page_shows(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where it keeps a study
-    names = run("studies.md", {})
-    assert_shown(tmp_path, "budget")
+    with drawn_as_shown(tmp_path, "budget"):
+        names = run("studies.md", {})
     # The next phase is a rocket in closed form, from where each trial ended.
     few, descent, time, exhaust = names["few"].final, names["descent"], 20.0, 220.0 * 9.80665
     flow, start = 4000.0 / exhaust, descent.drawn["start_mass"]

@@ -1,7 +1,7 @@
 """The examples of the documentation as they stand there: they run, and what is said of their results is so."""
 
 import re
-from contextlib import chdir, redirect_stdout
+from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 from runpy import run_path
@@ -17,7 +17,7 @@ from marsedl.methods.funnels.stage import spread_of
 from marsedl.methods.sos.variety import Spheres
 from marsedl.models import random_field
 from marsedl.montecarlo.streams import normals
-from pictures import assert_shown
+from pictures import drawn_as_shown
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -34,9 +34,8 @@ def run(name, *pictures):
     page = ROOT / "docs" / "examples" / f"{name}.md"
     (example,) = examples(page)
     names = {}
-    with TemporaryDirectory() as folder, chdir(folder):
+    with TemporaryDirectory() as folder, drawn_as_shown(folder, *pictures):
         exec(compile(example, str(page), "exec"), names)
-        assert_shown(Path(folder), *pictures)
     return names
 
 

@@ -70,7 +70,7 @@ class Submitted:
     """A Snakemake that gives its jobs to the cluster."""
 
     def __init__(self, cluster, folder, *arguments, size=SIZE, profile=PROFILE):
-        self.cluster, self.folder, self.before = cluster, folder, set(cluster.jobs())
+        self.cluster, self.folder, self.size, self.before = cluster, folder, size, set(cluster.jobs())
         self.log = folder / "submitted.log"
         with self.log.open("w", encoding="utf-8") as log:
             self.process = subprocess.Popen(
@@ -89,7 +89,7 @@ class Submitted:
         """Leave nothing behind, whatever happened."""
         if self.process.poll() is None:
             self.kill()
-            snakemake(self.folder, "--unlock", *SIZE)
+            snakemake(self.folder, "--unlock", *self.size)
         for job in self.jobs("pending,running"):
             self.cluster.command("scancel", str(job))
 
@@ -181,8 +181,7 @@ def test_the_arena_through_slurm_is_the_same_whatever_dies(cluster, tmp_path):
         job = run.running(flights, seconds=1800)
         cluster.command("scancel", str(job))
         while run.running(flights) == job:
-            time.sleep(0.1)
-        run.kill()
+            time.sleep(0.1)  # and leave: Snakemake is killed while jobs run
     with Submitted(cluster, other, target, "--rerun-incomplete", size=ARENA) as run:
         run.works(seconds=3600)
     assert digest_tree(other / "build/smoke", PRODUCTS) == digest_tree(folder / "build/smoke", PRODUCTS)

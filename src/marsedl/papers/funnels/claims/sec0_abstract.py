@@ -13,7 +13,7 @@ from marsedl.papers.funnels.claims.measures import (
 )
 from marsedl.papers.funnels.inputs import Mission, Planet
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, Nominal, OpenLoop, Proven
-from marsedl.replication.claims.counterexamples import scaled
+from marsedl.replication.claims.counterexamples import replaced, scaled
 from marsedl.replication.claims.thresholds import SIMILAR, Limit
 from marsedl.replication.claims.writing import Fails, claim, doubtful, holds, measure
 from marsedl.replication.units import KM, WATT_PER_CM2
@@ -115,7 +115,7 @@ def thermal_constraint_funnel(nominal: Nominal, funnel: Funnel, constant: Flight
 
 @claim(
     errata="E20",
-    by_construction="a declaration: no distribution enters the programs; the flights are evidence beside it",
+    counterexample=replaced("redrawn.outside_at_slices", 1),
 )
 def no_distribution_assumed(
     funnel: Funnel, constant: FlightEnsemble, redrawn: FlightEnsemble, adversarial: FlightEnsemble
