@@ -24,7 +24,7 @@ STATEMENTS = {
     # claims are judged again from artifacts, and ensembles compared state by state.
     "src/marsedl/replication": 6_395,
 }
-LINES = 42_856  # of tests
+LINES = 42_862  # of tests
 MEAN_LINES = {
     "claims/*.py": 11.5,
     "tables.py": 26.5,
